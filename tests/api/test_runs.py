@@ -1,5 +1,6 @@
 """Missions, plans, worlds and sweeps from Python."""
 
+import importlib
 import subprocess
 import sys
 from pathlib import Path
@@ -131,6 +132,11 @@ def test_a_kept_sweep_goes_on_and_knows_another_code(own):
     first = ss.sweep(SMALL, name, seeds=2, out=own / "kept")
     assert ss.sweep(SMALL, name, seeds=2, out=own / "kept").equals(first)
     (own / "own_never.py").write_text(OWN + "\n# changed\n")
+    with pytest.raises(
+        ss.UserError, match=r"own_never\.py was changed since it was imported; restart Python"
+    ):
+        ss.sweep(SMALL, name, seeds=2, out=own / "kept")
+    importlib.reload(sys.modules["own_never"])
     with pytest.raises(ss.UserError, match="holds the results of another sweep"):
         ss.sweep(SMALL, name, seeds=2, out=own / "kept")
 

@@ -94,3 +94,19 @@ def test_what_does_not_go_together_is_one_sentence(words, sentence):
     done = plan(*words)
     assert done.exit_code == 2
     assert sentence in done.stderr
+
+
+def test_a_plan_is_that_of_the_scenarios_strategy(tmp_path):
+    words = (
+        "name: mine\narea: {polygon_enu_m: [[0, 0], [60, 0], [60, 40], [0, 40]]}\nsearch: {strategy: %s}\n"
+    )
+    path_m = {}
+    for strategy in ("scan-only", "low-only", "nobody"):
+        scenario = tmp_path / f"{strategy}.yaml"
+        scenario.write_text(words % strategy)
+        done = plan(str(scenario), "--out", str(tmp_path / strategy), "--json")
+        if done.exit_code == 0:
+            path_m[strategy] = json.loads(done.stdout)["path_length_m"]
+    assert done.exit_code == 2
+    assert "there is no strategy 'nobody'" in done.stderr
+    assert path_m["low-only"] > 3.0 * path_m["scan-only"]

@@ -157,3 +157,20 @@ def test_the_operators_verdicts_are_said_to_be_theirs():
     assert seen == "Looked at 12 m east, 46 m north for the operator."
     assert found.startswith("confirmed by the operator: stop sign 1 at 60.4494083, 22.2968245")
     assert rejected.startswith("rejected by the operator: candidate 3 (stop sign) at 60.4494083, 22.2968245")
+
+
+def test_a_line_that_cannot_be_announced_ends_no_flight():
+    said = told(
+        [sighting(60.0, 7, 0.5), confirmed(61.0, 7, p=(1.0,)), sighting(62.0, 8, 0.5), confirmed(63.0, 8)]
+    )
+    assert said[0].startswith("the journal's line 'confirmed' at 1:01 cannot be announced (")
+    assert said[1].startswith("found stop sign")
+
+
+def test_nobody_to_be_told_ends_no_flight():
+    def gone(_words):
+        raise BrokenPipeError
+
+    announcer = Announcer(Scenario.model_validate(SIGNS), (), gone)
+    for record in (sighting(60.0, 7, 0.5), confirmed(61.0, 7)):
+        announcer.hear(record)

@@ -1,15 +1,20 @@
 """Strategies of a user's own code."""
 
+import importlib
 import sys
 from functools import partial
 
 import pytest
-from contexts import context_of
+from contexts import context_of, observed
+from pydantic import BaseModel
 
 from skysweep.errors import UserError
+from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Search
-from skysweep.strategies import strategy_spec
+from skysweep.strategies import code_of, fingerprint_of, strategy_spec
+from skysweep.strategies.covering import as_covered
 from skysweep.strategies.given import leads_back, name_of, spec_of
+from skysweep.strategies.spec import StrategySpec
 
 GOOD = """
 class Own:
@@ -17,7 +22,7 @@ class Own:
         self.context = context
 
     def step(self, seen):
-        return seen
+        return "no command"
 
     def snapshot(self):
         return {}
@@ -59,7 +64,7 @@ def test_a_module_of_the_working_folder_is_found(write):
         assert spec.cover_altitude_agl_m(Search(scan_altitude_agl_m=31.0)) == 31.0
         made = spec.make(context_of())
         with pytest.raises(UserError, match=r"step returned 'no command'; return a Command\(mode"):
-            made.step("no command")
+            made.step(observed())
 
 
 @pytest.mark.parametrize(
@@ -72,6 +77,7 @@ def test_a_module_of_the_working_folder_is_found(write):
         ("theirs_2:", "write MODULE:NAME"),
         ("theirs-2:Own", "write MODULE:NAME"),
         (".theirs:Own", "write MODULE:NAME"),
+        ("theirs_2.py:Own", "there is no module 'theirs_2.py' in .*; leave out .py"),
         ("nowhere_2:Own", "there is no module 'nowhere_2' in"),
         ("nowhere_2.inside:Own", "there is no module 'nowhere_2.inside' in"),
         ("broken_2:Own", r"importing broken_2 raises ZeroDivisionError: division by zero; mend it"),
@@ -110,3 +116,89 @@ def test_a_name_leads_back_to_what_is_at_the_top_of_a_module(write):
     assert not leads_back(lambda *_: own, lasting=False)
     assert not leads_back(partial(own), lasting=False)
     assert spec_of(partial(own)).make(context_of()).snapshot() == {}
+
+
+def test_a_module_that_changed_is_flown_after_a_restart_only(write):
+    write("theirs_6", GOOD)
+    strategy_spec("theirs_6:Own")
+    fingerprint = fingerprint_of("theirs_6:Own")
+    write("theirs_6", GOOD + "# another one\n")
+    for ask in (strategy_spec, fingerprint_of, code_of):
+        with pytest.raises(
+            UserError, match=r"theirs_6\.py was changed since it was imported; restart Python"
+        ):
+            ask("theirs_6:Own")
+    importlib.reload(sys.modules["theirs_6"])
+    assert strategy_spec("theirs_6:Own")
+    assert fingerprint_of("theirs_6:Own") != fingerprint
+
+
+class Plain(BaseModel):
+    share: float = 0.5
+
+
+def named(attribute, value):
+    """A strategy with an attribute, as it is handed in."""
+    return spec_of(type("Own", (Whole,), {attribute: value}))
+
+
+class Whole:
+    def __init__(self, context): ...
+
+    def step(self, seen): ...
+
+    def snapshot(self):
+        return {}
+
+    def restore(self, snapshot): ...
+
+
+def test_parameters_that_are_none_of_a_plain_model_are_refused():
+    spec = named("Parameters", Plain)
+    assert spec.parameters_of(Search(parameters={"share": 0.25})).share == 0.25
+    with pytest.raises(UserError, match="shar: there is no such field; write one of share"):
+        spec.parameters_of(Search(parameters={"shar": 0.25}))
+
+
+@pytest.mark.parametrize("given", [dict, Plain(), 3])
+def test_parameters_are_a_pydantic_model(given):
+    with pytest.raises(
+        UserError, match=r"Own: its Parameters is .*; make it a class that inherits from pydan"
+    ):
+        named("Parameters", given)
+    with pytest.raises(UserError, match="its Parameters is"):
+        spec_of(StrategySpec(Whole, parameters=given))
+
+
+SCENARIO = load_scenario("clusters")  # of 120 m at most
+
+
+@pytest.mark.parametrize(
+    ("cover", "sentence"),
+    [
+        (lambda _search: 400.0, r"returned 400; return 2 to 120 m, or change safety\.altitude_max_agl_m"),
+        (lambda _search: 0.1, r"returned 0\.1; return 2 to 120 m"),
+        (lambda _search: float("nan"), "returned nan; return 2 to 120 m"),
+        (lambda _search: None, "returned None; return metres above ground"),
+        (lambda _search: "30", "returned '30'; return metres above ground"),
+        (lambda search: search.height, r"raises AttributeError: .*height.* at test_given\.py:\d+; make it a"),
+        (lambda _self, _search: 30.0, r"raises TypeError: .*; make it a function of the search \(a staticm"),
+    ],
+)
+def test_an_altitude_that_may_not_be_flown_is_refused(cover, sentence):
+    spec = named("cover_altitude_agl_m", cover)
+    with pytest.raises(UserError, match=f"scan-check: cover_altitude_agl_m {sentence}"):
+        spec.cover_altitude_of(SCENARIO)
+
+
+def test_an_altitude_is_a_function():
+    with pytest.raises(UserError, match=r"Own: its cover_altitude_agl_m is 12\.0; make it a function"):
+        named("cover_altitude_agl_m", 12.0)
+
+
+def test_a_plan_covers_the_area_from_the_strategys_altitude():
+    assert as_covered(SCENARIO) is SCENARIO
+    low = SCENARIO.with_search(strategy="low-only")
+    assert as_covered(low).search.scan_altitude_agl_m == low.search.check_altitude_agl_m
+    with pytest.raises(UserError, match="there is no strategy 'nobody'"):
+        as_covered(SCENARIO.with_search(strategy="nobody"))

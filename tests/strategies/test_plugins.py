@@ -5,11 +5,12 @@ import shutil
 import sys
 
 import pytest
+from contexts import context_of, observed
 
 from skysweep.errors import UserError
 from skysweep.experiments.matrix import Matrix
 from skysweep.scenarios.files import load_scenario
-from skysweep.strategies import strategy_names, strategy_spec
+from skysweep.strategies import fingerprint_of, strategy_names, strategy_spec
 from skysweep.strategies.spec import StrategySpec
 
 SCENARIO = load_scenario("clusters").with_search(strategy="spiral")
@@ -61,3 +62,29 @@ def test_its_missions_are_those_of_its_code_and_version(install):
     second = key()
     install(GOOD, "1.1")
     assert len({first, second, key()}) == 3
+
+
+def test_its_answers_are_looked_at(install):
+    install(
+        "from skysweep.strategies.spec import StrategySpec\n\n\n"
+        "class Spiral:\n    def __init__(self, context): ...\n"
+        "    def step(self, seen):\n        return 1 / 0\n"
+        "    def snapshot(self):\n        return {}\n    def restore(self, snapshot): ...\n\n\n"
+        "SPIRAL = StrategySpec(Spiral)\n"
+    )
+    made = strategy_spec("spiral").make(context_of())
+    with pytest.raises(
+        UserError, match=r"spiral: step raises ZeroDivisionError.* at spirals_code\.py:7; mend"
+    ):
+        made.step(observed())
+
+
+def test_a_flight_is_gone_on_with_by_the_same_code_only(install):
+    install(GOOD)
+    first = fingerprint_of("spiral")
+    assert first.startswith("spirals 1.0 ")
+    install(GOOD + "# changed\n")
+    second = fingerprint_of("spiral")
+    install(GOOD, "1.1")
+    assert len({first, second, fingerprint_of("spiral")}) == 3
+    assert fingerprint_of("scan-only") is None

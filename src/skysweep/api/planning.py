@@ -10,11 +10,12 @@ from skysweep.planning.advice import warnings_for
 from skysweep.planning.coverage import CoveragePlan
 from skysweep.planning.flight_plan import FlightEstimate, plan_scenario
 from skysweep.scenarios.model import Scenario
+from skysweep.strategies.covering import as_covered
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """The scan of a scenario's area and its cost. Shown as a picture in notebooks."""
+    """How a scenario's strategy covers its area, and the cost. Shown as a picture in notebooks."""
 
     scenario: Scenario
     coverage: CoveragePlan
@@ -37,10 +38,15 @@ class Plan:
     def _repr_png_(self) -> bytes:
         from skysweep.planning.picture import plan_png
 
-        return plan_png(self.scenario, self.coverage, self.estimate)
+        return plan_png(as_covered(self.scenario), self.coverage, self.estimate)
 
 
 def plan(scenario: ScenarioLike) -> Plan:
-    """Plan the scan of a scenario's area. Raises UserError if there is no such scenario or no flight."""
+    """Plan how a scenario's area is covered, from the altitude of its ``search.strategy``.
+
+    Raises UserError if there is no such scenario or strategy, or no flight.
+    """
     chosen = load_scenario(scenario)
-    return Plan(chosen, *plan_scenario(chosen), tuple(warnings_for(chosen)))
+    covered = as_covered(chosen)
+    altitude_agl_m = covered.search.scan_altitude_agl_m
+    return Plan(chosen, *plan_scenario(covered), tuple(warnings_for(chosen, altitude_agl_m)))

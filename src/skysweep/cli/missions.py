@@ -152,7 +152,7 @@ def run(
     }
     given = {field: value for field, value in named.items() if value is not None}
     chosen = change_scenario(load_scenario(scenario), changes_of(change) | given)
-    cover_altitude_agl_m = strategy_spec(chosen.search.strategy).cover_altitude_agl_m(chosen.search)
+    cover_altitude_agl_m = strategy_spec(chosen.search.strategy).cover_altitude_of(chosen)
     for warning in warnings_for(chosen, cover_altitude_agl_m):
         warn(warning)
     folder = out or free_folder(Path("runs"), f"{chosen.name}-{chosen.search.strategy}-seed{seed}")

@@ -79,9 +79,9 @@ def plan(
 ) -> None:
     """Plan the coverage of an area: length, time, batteries, a QGroundControl plan and a picture.
 
-    It also says which ground no picture shows, how high the vehicle flies over hills, and where the radio
-    does not reach it. With --prior: the paths that probably find most within a length, what they may find,
-    and the map if they find nothing.
+    The area is covered from the altitude of the scenario's strategy. It also says which ground no picture
+    shows, how high the vehicle flies over hills, and where the radio does not reach it. With --prior: the
+    paths that probably find most within a length, what they may find, and the map if they find nothing.
 
     Examples:
 
@@ -107,6 +107,7 @@ def plan(
     from skysweep.planning.sun import moment_of
     from skysweep.planning.surroundings import fence_words
     from skysweep.scenarios.files import change_scenario
+    from skysweep.strategies.covering import as_covered
 
     changes = {
         "search.scan_altitude_agl_m": altitude,
@@ -152,18 +153,19 @@ def plan(
             raise UserError("--out, --at: belong to a plan, which --advise writes none of; leave them out")
         answer_advice(as_json, source, chosen, 0.8 if pod is None else pod)
         return
-    for warning in warnings_for_plan(chosen):
+    covered = as_covered(chosen)
+    for warning in warnings_for_plan(chosen, covered.search.scan_altitude_agl_m):
         warn(warning)
     moment = None if at is None else moment_of(at, "--at")
     with counting(f"planning {chosen.name}") as count:
         count(0, 3)
-        coverage, estimate = plan_scenario(chosen)
+        coverage, estimate = plan_scenario(covered)
         count(1, 3)
-        judged = assess(coverage, chosen, moment)
+        judged = assess(coverage, covered, moment)
         count(2, 3)
         with whole_files(folder) as unfinished:
-            draw_plan(unfinished / f"{chosen.name}.png", chosen, coverage, estimate)
-            write_plan(unfinished / f"{chosen.name}.plan", plan_for_qgc(chosen, coverage))
+            draw_plan(unfinished / f"{chosen.name}.png", covered, coverage, estimate)
+            write_plan(unfinished / f"{chosen.name}.plan", plan_for_qgc(covered, coverage))
         count(3, 3)
     for warning in judged.warnings():
         warn(warning)

@@ -43,7 +43,7 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
         raise UserError(f"sensor: there is no sensor '{rig.sensor}'; write one of {', '.join(SENSORS)}")
     search = scenario.search
     spec = rig.strategy or strategy_spec(search.strategy)
-    cover_altitude_agl_m = spec.cover_altitude_agl_m(search)
+    cover_altitude_agl_m = spec.cover_altitude_of(scenario)
     plan, _ = plan_scenario(scenario, cover_altitude_agl_m)
     world = build_world(scenario, seed)
     vehicle = rig.vehicle or embedded_vehicle(scenario, seed, rig.unit, world.terrain)

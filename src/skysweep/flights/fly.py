@@ -43,8 +43,7 @@ from skysweep.results.summary import RunSummary, Summary
 from skysweep.scenarios.files import with_paths_beside, write_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.statistical.model import model_for
-from skysweep.strategies import StrategySpec
-from skysweep.strategies.given import digest_of_source
+from skysweep.strategies import StrategySpec, fingerprint_of
 from skysweep.worlds.ground_files import ground_digest
 
 if TYPE_CHECKING:
@@ -185,7 +184,7 @@ def fly_in(
 
 def setup_of(mission: Mission, threads: int) -> dict[str, Any]:
     """The settings of a flight beside its scenario; a mission can only resume with the same ones."""
-    strategy = digest_of_source(mission.scenario.search.strategy)  # None: it has a version instead
+    strategy = fingerprint_of(mission.scenario.search.strategy)
     return {
         "version": __version__,
         "seed": mission.seed,

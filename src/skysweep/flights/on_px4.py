@@ -66,7 +66,7 @@ class Px4Flight:
         self._checks: tuple[Check, ...] = ()
         self._parameters: dict[str, float] = {}
         self._ros: Any = None  # the node of a camera on a topic
-        self._altitude_agl_m = strategy_spec(scenario.search.strategy).cover_altitude_agl_m(scenario.search)
+        self._altitude_agl_m = strategy_spec(scenario.search.strategy).cover_altitude_of(scenario)
         plan_scenario(scenario, self._altitude_agl_m)
         height_m = build_terrain(scenario).height_m
         with ExitStack() as ending:

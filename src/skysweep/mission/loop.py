@@ -38,9 +38,11 @@ from skysweep.mission.safety import (
 from skysweep.planning.flight_plan import POSITION_GAIN, landing_time_s
 from skysweep.planning.following import LOOK_AHEAD_S, Planned
 from skysweep.scenarios.model import ALTITUDE_TOLERANCE_M
+from skysweep.strategies.failures import failure_words
 from skysweep.types import (
     F64,
     SEARCHING,
+    SETTLING,
     XY,
     Candidate,
     Command,
@@ -68,6 +70,8 @@ _DISPLACED_M = 10.0  # by somebody else, or by what the autopilot did while the 
 _BACK_M = 2.0
 _AT_HOME_M = 20.0  # near enough to change the battery
 _LONGEST_WAIT_S = 600.0  # of a simulated vehicle, on the ground
+_REFUSED_LONGEST_S = 10.0  # without a waypoint that is flown to
+_REFUSALS_TOLD = 5  # one after the other
 _ALL_WELL = Alarm(Action.CONTINUE, "completed", "")
 
 
@@ -127,6 +131,9 @@ class Flight:
         self._asked: Waypoint | None = None  # by the strategy
         self._flown_to: Waypoint | None = None  # that waypoint, or its lookout
         self._refusal: Alarm | None = None
+        self._refusals, self._refused_since_s = 0, 0.0  # one after the other, with nothing settled between
+        self._failure = ""  # of the strategy, in a sentence: it is asked no more
+        self._unanswered: tuple[tuple[XY, XY], ...] = ()  # legs flown blind of which it was told then
         self._sent: tuple[tuple[float, ...], Setpoint] | None = None  # the newest setpoint, and its inputs
         self._waiting: tuple[Look, ...] = ()  # not yet passed to the strategy
         self._untold: tuple[Look, ...] = ()  # not yet in the journal
@@ -220,7 +227,8 @@ class Flight:
         state, candidates = self._m.vehicle.state(), self._m.tracker.candidates()
         if end is not _ALL_WELL:
             self._looks.give_up(state.time_s)
-            self._notes.left_behind(state.time_s, end.cause, candidates, self._looks.blind_legs())
+            blind = (*self._unanswered, *self._looks.blind_legs())
+            self._notes.left_behind(state.time_s, end.cause, candidates, blind)
             self._desk.give_up(state.time_s)
         self._notes.left_outside(state.time_s, [c for c in candidates.values() if not self._is_searched(c)])
         if end is _ALL_WELL:
@@ -252,8 +260,7 @@ class Flight:
         return _ALL_WELL
 
     def _search(self) -> _Part[Alarm]:
-        m = self._m
-        state = m.vehicle.state()
+        state = self._m.vehicle.state()
         self._looks.begin(state.time_s)
         if not self._transits:
             self._mode = Mode.SCAN
@@ -286,7 +293,11 @@ class Flight:
                 state = yield from self._pass_time(state, mode, detections)
                 continue
             observation = self._observation(state)
-            command = self._of_the_undecided(m.strategy.step(self._of_the_area(observation)))
+            answer = self._answer(observation)
+            if answer is None:
+                self._tell(state)
+                continue
+            command = self._of_the_undecided(answer)
             self._mode = command.mode
             done_s = min(done_s, state.time_s) if command.waypoint is None else math.inf
             if command.waypoint is None and self._looks.are_due(state.time_s, done_s):
@@ -481,6 +492,8 @@ class Flight:
             alarms += (Alarm(Action.CONTINUE, "clock", sentence),)
         if self._notes.failed is not None:
             alarms += (Alarm(Action.RETURN, "journal", f"The journal ends here: {self._notes.failed}."),)
+        if self._failure:
+            alarms += (Alarm(Action.RETURN, "strategy", self._failure),)
         self._worst = max(alarms, key=lambda a: a.action, default=_ALL_WELL)
         self._notes.alarms(now_s, alarms, self._guard.not_judged(state, phase, goal))
         covers = self._mode in SEARCHING and self._m.covers_from(self._altitude_agl_m(state))
@@ -514,6 +527,23 @@ class Flight:
         self._waiting += (look,)
         self._untold += (look,)
         return detections
+
+    def _answer(self, seen: Observation) -> Command | None:
+        """What the strategy answers; None where it fails, and the vehicle has to come home."""
+        try:
+            return self._m.strategy.step(self._of_the_area(seen))
+        except Exception as error:  # third-party code
+            self._fail(error)
+            self._unanswered = seen.unsearched
+            return None
+
+    def _fail(self, error: Exception) -> None:
+        """A strategy that fails ends a simulation; any other vehicle comes home without it."""
+        if self._m.vehicle.truth is not None:
+            raise error
+        words = str(error) if isinstance(error, UserError) else failure_words(error)
+        self._failure = f"The strategy fails: {words}."
+        self._next_check_s = -math.inf
 
     def _observation(self, state: VehicleState) -> Observation:
         looks, self._waiting = self._waiting, ()
@@ -568,17 +598,26 @@ class Flight:
             self._snapshot(state.time_s)
 
     def _snapshot(self, time_s: float) -> None:
-        if not self._m.replays:
-            self._notes.snapshot(time_s, self._m.strategy, self._m.tracker, self._desk.snapshot())
+        if self._m.replays or self._failure:
+            return
+        try:
+            decided = self._m.strategy.snapshot()
+        except Exception as error:  # third-party code
+            self._fail(error)
+        else:
+            self._notes.snapshot(time_s, decided, self._m.tracker, self._desk.snapshot())
 
     def _fly_to(self, seen: Observation, command: Command) -> Alarm:
         """Command the vehicle, unless the guard refuses; each waypoint is judged once.
 
-        A strategy that repeats a refused waypoint has nothing left to do, which ends the search.
+        A strategy that repeats a refused waypoint has nothing left to do, which ends the search. So does one
+        that asks for others that are refused for ``_REFUSED_LONGEST_S``, and settles no candidate.
         """
         waypoint = command.waypoint
         if waypoint is None:
             return _ALL_WELL
+        if any(event.kind in SETTLING for event in command.events):
+            self._refusals = 0
         if waypoint != self._asked and not (self._refusal and repr(waypoint) == repr(self._asked)):  # NaN
             self._asked = waypoint
             looks = waypoint.to_look and not not_finite(waypoint)
@@ -601,14 +640,28 @@ class Flight:
                 ):
                     self._refusal = None  # what is covered on the way counts, as far as the battery lasts
                 else:
-                    self._notes.safety(seen.time_s, self._refusal)
+                    return self._refuse(seen.time_s, self._refusal)
         elif self._refusal is not None:
             end = replace(self._refusal, action=Action.RETURN)
             self._notes.safety(seen.time_s, end)
             return end
         if self._refusal is None and self._flown_to is not None:
             self._m.vehicle.command(self._setpoint(seen.vehicle, self._paced(self._flown_to)))
-            self._gets_on = True
+            self._gets_on, self._refusals = True, 0
+        return _ALL_WELL
+
+    def _refuse(self, time_s: float, refusal: Alarm) -> Alarm:
+        """Journal one of a few refused waypoints in a row; what ends the search, where there are many."""
+        if self._refusals == 0:
+            self._refused_since_s = time_s
+        self._refusals += 1
+        if self._refusals <= _REFUSALS_TOLD:
+            self._notes.safety(time_s, refusal)
+        elif time_s >= self._refused_since_s + _REFUSED_LONGEST_S:
+            sentence = f"{refusal.sentence} It is the last of {self._refusals} that were refused in a row."
+            end = Alarm(Action.RETURN, refusal.cause, sentence)
+            self._notes.safety(time_s, end)
+            return end
         return _ALL_WELL
 
     def _above(self, waypoint: Waypoint) -> F64:

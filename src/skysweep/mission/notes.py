@@ -22,7 +22,6 @@ from skysweep.types import (
     EventKind,
     Mode,
     Observation,
-    Strategy,
     Tracker,
     VehicleState,
 )
@@ -88,11 +87,14 @@ class Notes:
         self._journal.write(max(r["t"] for r in before), "resumed")
 
     def snapshot(
-        self, time_s: float, strategy: Strategy, tracker: Tracker, operator: Mapping[str, Any]
+        self, time_s: float, strategy: Mapping[str, Any], tracker: Tracker, operator: Mapping[str, Any]
     ) -> None:
-        """The state from which a mission that cannot be replayed resumes; to be written after ``step``."""
+        """The state from which a mission that cannot be replayed resumes; to be written after ``step``.
+
+        ``strategy`` is the snapshot of it.
+        """
         orders = {"operator": operator} if operator else {}
-        state = {"strategy": strategy.snapshot(), "tracker": tracker.snapshot()}
+        state = {"strategy": strategy, "tracker": tracker.snapshot()}
         self._journal.write(time_s, "snapshot", **state, **orders)
 
     def order(self, time_s: float, word: str, of: Mapping[str, Any]) -> None:

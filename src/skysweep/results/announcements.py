@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,8 @@ Record = Mapping[str, Any]
 class Announcer:
     """Hears the lines of a journal as they are written, and announces those of interest in a sentence.
 
+    A line that cannot be announced ends no flight: that is said instead.
+
     ``before`` are the journal's earlier lines, which are not announced again. ``picture_of`` gives the
     picture of a candidate that was just confirmed, or None.
     """
@@ -34,21 +37,37 @@ class Announcer:
         self._records = [r for r in before if r["kind"] in OF_A_CANDIDATE]
 
     def hear(self, record: Record) -> None:
+        with suppress(Exception):  # nobody may be there to be told
+            self._say_what_matters(record)
+
+    def _say_what_matters(self, record: Record) -> None:
+        try:
+            words = self._words(record)
+        except Exception as error:
+            self._records = [r for r in self._records if r is not record]  # it would spoil all later ones
+            words = (
+                f"the journal's line '{record['kind']}' at {clock(float(record['t']))} cannot be announced "
+                f"({type(error).__name__}: {error})"
+            )
+        if words:
+            self._say(words)
+
+    def _words(self, record: Record) -> str:
+        """The sentence of a line; empty for one that is of no interest."""
         kind = record["kind"]
         if kind in OF_A_CANDIDATE:
             self._records.append(record)
         if kind == EventKind.CONFIRMED:
-            self._say(self._found(record))
-        elif kind == EventKind.REJECTED and record.get("by") == OPERATOR:
-            self._say(f"rejected by the operator: {self._candidate(record)}")
-        elif kind == EventKind.UNCHECKED:
-            self._say(f"not checked: {self._candidate(record)}")
-        elif kind == LOOKED:
-            self._say(order_words(record))
-        elif kind in (SORTIE, NEXT_SORTIE):
-            self._say(sortie_words(record))
-        elif is_said(record):
-            self._say(safety_words(record))
+            return self._found(record)
+        if kind == EventKind.REJECTED and record.get("by") == OPERATOR:
+            return f"rejected by the operator: {self._candidate(record)}"
+        if kind == EventKind.UNCHECKED:
+            return f"not checked: {self._candidate(record)}"
+        if kind == LOOKED:
+            return order_words(record)
+        if kind in (SORTIE, NEXT_SORTIE):
+            return sortie_words(record)
+        return safety_words(record) if is_said(record) else ""
 
     def _found(self, record: Record) -> str:
         target = next(t for t in found_targets(self._run) if t.candidate == record["candidate"])

@@ -6,6 +6,8 @@ class ``module:Name``.
 
 from __future__ import annotations
 
+import hashlib
+import sys
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
@@ -14,7 +16,7 @@ from skysweep.errors import UserError
 from skysweep.strategies.baselines import SingleAltitude
 from skysweep.strategies.belief.parameters import BeliefParameters
 from skysweep.strategies.belief.search import BeliefSearch
-from skysweep.strategies.given import is_given, source_of, spec_named, spec_of
+from skysweep.strategies.given import is_given, sound_source, source_of, spec_named, spec_of
 from skysweep.strategies.scan_check import ScanCheck
 from skysweep.strategies.spec import StrategySpec as StrategySpec
 
@@ -50,13 +52,29 @@ def strategy_spec(name: str) -> StrategySpec:
 
 
 def code_of(name: str) -> tuple[Path | None, str]:
-    """The file that a strategy which is not built in comes from, and its package's version."""
-    entry = _installed(name)
+    """The file that a strategy which is not built in comes from, and its package's version.
+
+    Raises UserError where the file was changed since Python imported it.
+    """
+    entry = None if name in _BUILT_IN else _installed(name)
     if entry is None:
         return source_of(name), ""
+    version = f"{entry.dist.name} {entry.dist.version}" if entry.dist is not None else ""
+    if entry.module in sys.modules:
+        return sound_source(entry.module, f"search.strategy: {name}"), version
     found = find_spec(entry.module)
-    file = None if found is None or found.origin is None else Path(found.origin)
-    return file, f"{entry.dist.name} {entry.dist.version}" if entry.dist is not None else ""
+    return None if found is None or found.origin is None else Path(found.origin), version
+
+
+def fingerprint_of(name: str) -> str | None:
+    """What tells a strategy's code from another one's; None of a built-in one, and of notebooks.
+
+    That is the SHA-256 of its file, in hexadecimal, and before it the name and version of its package where
+    it is installed. Raises UserError as ``code_of``.
+    """
+    path, version = code_of(name)
+    digest = hashlib.sha256(path.read_bytes()).hexdigest() if path is not None and path.is_file() else ""
+    return " ".join(filter(None, (version, digest))) or None
 
 
 def _installed(name: str) -> EntryPoint | None:
@@ -73,4 +91,5 @@ def _loaded(entry: EntryPoint) -> StrategySpec:
         raise UserError(
             f"{where}: {package} cannot be loaded ({type(error).__name__}: {reason}); update or remove it"
         ) from error
+    sound_source(entry.module, where)
     return spec_of(found, where)

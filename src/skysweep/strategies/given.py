@@ -12,19 +12,21 @@ import hashlib
 import importlib
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial, reduce
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from pydantic import BaseModel
+
 from skysweep.errors import UserError
 from skysweep.scenarios.model import Search
-from skysweep.strategies.context import MissionContext
-from skysweep.strategies.spec import MakeStrategy, NoParameters, StrategySpec, scan_altitude_agl_m
-from skysweep.types import Command, Observation, Strategy
+from skysweep.strategies.checked import make_checked, refuse_lacking
+from skysweep.strategies.spec import NoParameters, StrategySpec, scan_altitude_agl_m
 
-_METHODS = ("step", "snapshot", "restore")
 _MAIN = "__main__"  # the module of notebooks and scripts
+_imported: dict[str, tuple[object, str]] = {}  # by module: one import of it, and its file's SHA-256 then
 
 
 def is_given(name: str) -> bool:
@@ -55,15 +57,18 @@ def spec_named(name: str) -> StrategySpec:
     return spec_of(found, where)
 
 
-def spec_of(given: Any, where: str = "strategy") -> StrategySpec:
-    """The strategy that an object makes; ``where`` begins the errors.
+def spec_of(given: Any, where: str = "") -> StrategySpec:
+    """The strategy that an object makes, checked; ``where`` begins the errors.
 
-    Raises UserError where it is neither a class of strategies, nor a function that makes them, nor a spec.
+    Raises UserError where it is neither a class of strategies, nor a function that makes them, nor a spec,
+    or its attributes are not what they should be.
     """
+    where, named = where or "strategy", where or f"strategy: {name_of(given)}"
     if isinstance(given, StrategySpec):
-        return given
+        _refuse_odd_parameters(given.parameters, where)
+        return replace(given, make=partial(make_checked, given.make, where))
     if isinstance(given, type):
-        _refuse_lacking(given, given.__name__, where)
+        refuse_lacking(given, given.__name__, where)
     elif hasattr(given, "step"):
         raise UserError(
             f"{where}: is one {type(given).__name__}, and each mission needs a fresh one; give the class, or "
@@ -73,11 +78,16 @@ def spec_of(given: Any, where: str = "strategy") -> StrategySpec:
         raise UserError(
             f"{where}: is {given!r:.60}; give a strategy's name, its class, or a function that makes one"
         )
-    own = getattr(given, "cover_altitude_agl_m", None)
-    cover: Callable[[Search], float] = own if callable(own) else scan_altitude_agl_m
+    cover: Callable[[Search], float] = getattr(given, "cover_altitude_agl_m", scan_altitude_agl_m)
+    if not callable(cover):
+        raise UserError(
+            f"{named}: its cover_altitude_agl_m is {cover!r:.60}; make it a function of the search that "
+            "returns metres above ground"
+        )
     parameters = getattr(given, "Parameters", NoParameters)
+    _refuse_odd_parameters(parameters, named)
     needs_model = bool(getattr(given, "needs_sensor_model", False))
-    return StrategySpec(partial(_make, given, where), cover, parameters, needs_model)
+    return StrategySpec(partial(make_checked, given, named), cover, parameters, needs_model)
 
 
 def name_of(given: Any) -> str:
@@ -102,76 +112,66 @@ def leads_back(given: Any, lasting: bool) -> bool:
 
 
 def source_of(name: str) -> Path | None:
-    """The file that a strategy's name leads to; None for built-in, installed and notebooks' ones."""
-    if not is_given(name):
+    """The file that a strategy's name leads to; None for built-in, installed and notebooks' ones.
+
+    Raises UserError where it was changed since Python imported it.
+    """
+    module_name = name.partition(":")[0]
+    if not is_given(name) or module_name not in sys.modules:
         return None
-    module = sys.modules.get(name.partition(":")[0])
+    return sound_source(module_name, f"search.strategy: {name}")
+
+
+def sound_source(module_name: str, where: str) -> Path | None:
+    """The file of an imported module; None where it has none. Raises UserError as ``source_of``.
+
+    What it held at the import is not known: that is what it holds when this is asked first.
+    """
+    module = sys.modules[module_name]
     file = getattr(module, "__file__", None)
-    return Path(file) if file else None
+    if not file:
+        return None
+    path, this = Path(file), getattr(module, "__spec__", None) or module  # another one after a reload
+    now = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else "deleted"
+    at, then = _imported.get(module_name, (None, ""))
+    if at is not this:
+        _imported[module_name] = this, now
+    elif then != now:
+        raise UserError(f"{where}: {path} was changed since it was imported; restart Python to fly it")
+    return path
 
 
-def digest_of_source(name: str) -> str | None:
-    """SHA-256 of that file, in hexadecimal."""
-    path = source_of(name)
-    return None if path is None else hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-class _Checked:
-    """A strategy whose answers are looked at. Implements ``types.Strategy``."""
-
-    def __init__(self, strategy: Strategy, where: str) -> None:
-        self._strategy, self._where = strategy, where
-        self.snapshot, self.restore = strategy.snapshot, strategy.restore
-
-    def step(self, observation: Observation) -> Command:
-        """What the strategy answers. Raises UserError where that is no command."""
-        command = self._strategy.step(observation)
-        if not isinstance(command, Command):
-            raise UserError(
-                f"{self._where}: step returned {command!r:.60}; return a Command(mode, waypoint, events)"
-            )
-        return command
-
-
-def _make(given: MakeStrategy, where: str, context: MissionContext) -> Strategy:
-    try:
-        made = given(context)
-    except UserError:
-        raise
-    except Exception as error:
+def _refuse_odd_parameters(given: Any, where: str) -> None:
+    if not (isinstance(given, type) and issubclass(given, BaseModel)):
         raise UserError(
-            f"{where}: cannot be made of a MissionContext ({type(error).__name__}: {error}); mend it"
-        ) from error
-    _refuse_lacking(made, f"the {type(made).__name__} that it makes", where)
-    return _Checked(made, where)
-
-
-def _refuse_lacking(given: Any, what: str, where: str) -> None:
-    missing = [name for name in _METHODS if not callable(getattr(given, name, None))]
-    if missing:
-        raise UserError(f"{where}: {what} has no {' and no '.join(missing)}; write what is missing")
+            f"{where}: its Parameters is {given!r:.60}; make it a class that inherits from pydantic.BaseModel"
+        )
 
 
 def _module(name: str, where: str) -> ModuleType:
     if name in sys.modules:
+        sound_source(name, where)
         return sys.modules[name]
     folder = str(Path.cwd())
     if folder not in sys.path:
         sys.path.append(folder)  # last, so that a file there hides nothing that is installed
     importlib.invalidate_caches()
     try:
-        return importlib.import_module(name)
+        module = importlib.import_module(name)
     except ModuleNotFoundError as error:
         if error.name is None or not f"{name}.".startswith(f"{error.name}."):
             raise UserError(f"{where}: importing {name} needs the module {error.name}; install it") from error
+        instead = "leave out .py" if name.endswith(".py") else "go to its folder"
         raise UserError(
-            f"{where}: there is no module '{name}' in {folder} or among the installed ones; go to its folder"
+            f"{where}: there is no module '{name}' in {folder} or among the installed ones; {instead}"
         ) from None
     except (Exception, SystemExit) as error:
         reason = " ".join(str(error).split())
         raise UserError(
             f"{where}: importing {name} raises {type(error).__name__}: {reason}; mend it"
         ) from error
+    sound_source(name, where)
+    return module
 
 
 def _not_importable(where: str) -> UserError:

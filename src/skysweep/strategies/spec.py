@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from numbers import Real
+from typing import Any
 
+from skysweep.errors import UserError
 from skysweep.files.models import validated
-from skysweep.scenarios.model import Model, Search
+from skysweep.scenarios.model import ALTITUDE_TOLERANCE_M, Model, Scenario, Search
 from skysweep.strategies.context import MissionContext
+from skysweep.strategies.failures import failure_words
 from skysweep.types import Strategy
 
 MakeStrategy = Callable[[MissionContext], Strategy]
@@ -27,7 +31,8 @@ class StrategySpec:
     """How to make a strategy and which altitude its coverage is planned for.
 
     ``parameters`` says what ``search.parameters`` may hold: a model of fields with defaults. A strategy that
-    ``needs_sensor_model`` is not flown without one.
+    ``needs_sensor_model`` is not flown without one. ``cover_altitude_agl_m`` may be anybody's code:
+    ``cover_altitude_of`` asks it.
     """
 
     make: MakeStrategy
@@ -35,6 +40,44 @@ class StrategySpec:
     parameters: type[Model] = NoParameters
     needs_sensor_model: bool = False
 
+    def cover_altitude_of(self, scenario: Scenario) -> float:
+        """Height above ground, in metres, from which the area is covered.
+
+        Raises UserError where the strategy's own function fails, or returns what is no height at which the
+        scenario's ``safety`` lets a vehicle search.
+        """
+        where = f"search.strategy: {scenario.search.strategy}: cover_altitude_agl_m"
+        try:
+            returned: Any = self.cover_altitude_agl_m(scenario.search)
+        except UserError:
+            raise
+        except Exception as error:
+            raise UserError(
+                f"{where} raises {failure_words(error)}; make it a function of the search (a staticmethod of "
+                "a class) that returns metres above ground"
+            ) from error
+        safety = scenario.safety
+        lowest_m = max(safety.descent_floor_agl_m, safety.altitude_min_agl_m)
+        room_m = safety.altitude_max_agl_m + safety.fence_tolerance_m - ALTITUDE_TOLERANCE_M
+        highest_m = min(safety.altitude_max_agl_m, room_m)
+        if not isinstance(returned, Real):
+            raise UserError(f"{where} returned {returned!r:.60}; return metres above ground")
+        altitude_agl_m = float(returned)
+        if not lowest_m <= altitude_agl_m <= highest_m:  # nor is NaN
+            raise UserError(
+                f"{where} returned {altitude_agl_m:g}; return {lowest_m:g} to {highest_m:g} m, or change "
+                "safety.altitude_max_agl_m, descent_floor_agl_m or altitude_min_agl_m"
+            )
+        return altitude_agl_m
+
     def parameters_of(self, search: Search) -> Model:
         """What ``search.parameters`` says, with the defaults. Raises UserError on what is none of them."""
-        return validated(self.parameters, search.parameters, f"search.parameters of {search.strategy}")
+        source = f"search.parameters of {search.strategy}"
+        if self.parameters.model_config.get("extra", "ignore") == "ignore":
+            fields = self.parameters.model_fields
+            known = [*fields, *(field.alias for field in fields.values() if field.alias)]
+            for name in search.parameters:
+                if name not in known:
+                    instead = f"write one of {', '.join(known)}" if known else "leave it out"
+                    raise UserError(f"{source}: {name}: there is no such field; {instead}")
+        return validated(self.parameters, search.parameters, source)

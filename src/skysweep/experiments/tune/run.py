@@ -31,6 +31,7 @@ from skysweep.flights.build import refuse_unseeable
 from skysweep.flights.fly import digests_of_files, fly_in_memory
 from skysweep.scenarios.files import change_scenario, dump_scenario
 from skysweep.scenarios.model import Scenario
+from skysweep.strategies import fingerprint_of, strategy_spec
 from skysweep.strategies.fields import value_at
 
 PAPER_N_C = (1.0, 5.0, math.inf)
@@ -52,10 +53,12 @@ class Problem:
 
     def as_data(self) -> dict[str, Any]:
         """All that distinguishes problems. The keys are words of an error message."""
+        codes = [_code(scenario) for scenario in self.scenarios]
         return {
             "scenario": [scenario.name for scenario in self.scenarios],
             "what the scenario says": [_digest(scenario) for scenario in self.scenarios],
             "sensor or plan file": [digests_of_files(scenario, "statistical") for scenario in self.scenarios],
+            **({"code of the strategy": codes} if any(codes) else {}),
             "ranges": {parameter.field: parameter.values for parameter in self.space},
             "seeds": self.seeds,
             "min-recall": self.rules.min_recall,
@@ -152,6 +155,12 @@ def _race(problem: Problem, study: TuningStudy, trial: OpenTrial) -> Trial:
             if dropped:
                 break
     return trial.close(missions, flown, dropped, None)
+
+
+def _code(scenario: Scenario) -> str | None:
+    """What tells the code of a strategy that is not built in from another one's."""
+    strategy_spec(scenario.search.strategy)  # imports it, in a worker process, too
+    return fingerprint_of(scenario.search.strategy)
 
 
 def _digest(scenario: Scenario) -> str:
