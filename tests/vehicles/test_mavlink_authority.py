@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mavlink_clients import HOLD, LAND, MISSION, OFFBOARD, RETURN, Program, Sky, item, local
+from mavlink_clients import HOLD, LAND, MISSION, OFFBOARD, POSITION, RETURN, Program, Sky, item, local
 from pymavlink.dialects.v20 import common as m
 
 DENIED = m.MAV_RESULT_DENIED
@@ -28,6 +28,12 @@ class Flight:
         assert self.owner.upload(self.items) == 0
         assert self.owner.command(m.MAV_CMD_MISSION_START) == 0
         self.sky.fly(until=lambda: self.pilot.mission.current == 2)
+
+    def sticks(self, seconds: float, forward: int = 0) -> None:
+        """The other's, at 10 Hz."""
+        for _ in range(round(seconds / 0.1)):
+            self.other.say(m.MAVLink_manual_control_message(1, forward, 0, 500, 0, 0))
+            self.sky.fly(0.1)
 
 
 @pytest.fixture
@@ -134,10 +140,70 @@ def test_whoever_asks_can_switch_it_off(flight):
 
 
 def test_sticks_take_over_from_a_mission_that_another_program_commands(flight):
-    for forward in (0, 0, 600, 600, 600):
-        flight.other.say(m.MAVLink_manual_control_message(1, forward, 0, 500, 0, 0))
-        flight.sky.fly(0.1)
+    flight.sticks(0.2)
+    flight.sticks(0.3, forward=600)
     assert flight.pilot.mode.name == "POSITION"
+    assert flight.owner.set("RTL_RETURN_ALT", 21.0) == 30.0
+    assert flight.owner.command(m.MAV_CMD_DO_SET_HOME, 1) == DENIED
+    assert flight.other.set("RTL_RETURN_ALT", 22.0) == 22.0
+
+
+def test_a_pilots_flight_by_sticks_is_replaced_by_nobody_until_he_lets_go(flight):
+    stranger, up = Program(flight.sky, port=3, system=77), flight.sky.geodetic([40.0, 40.0, -20.0])
+    flight.sticks(0.2)
+    flight.sticks(2.0, forward=600)
+    flight.sticks(0.3)  # he brakes
+    for program in (flight.owner, stranger):
+        program.say(local(50, 50, -20))
+        for mode in (MISSION, OFFBOARD):
+            assert program.mode(*mode) == DENIED
+        assert program.command(m.MAV_CMD_NAV_TAKEOFF) == DENIED
+        assert program.command(m.MAV_CMD_MISSION_START) == DENIED
+        assert program.command(m.MAV_CMD_DO_REPOSITION, -1, 1, 0, NAN, *up) == DENIED
+        assert program.command(m.MAV_CMD_DO_CHANGE_ALTITUDE, 40.0, 3) == DENIED
+    assert flight.pilot.mode.name == "POSITION"
+    flight.sticks(1.5)
+    assert flight.owner.set("RTL_RETURN_ALT", 21.0) == 30.0, "he still commands"
+    assert flight.owner.mode(*MISSION) == 0
+    assert flight.owner.set("RTL_RETURN_ALT", 21.0) == 21.0
+
+
+def test_whoever_flies_by_sticks_commands_also_where_another_chose_the_mode(flight):
+    flight.sticks(0.2)
+    assert flight.owner.mode(*POSITION) == 0
+    flight.sticks(0.2)
+    assert flight.owner.set("RTL_RETURN_ALT", 21.0) == 21.0
+    flight.sticks(0.5, forward=300)
+    assert flight.owner.set("RTL_RETURN_ALT", 22.0) == 21.0
+    flight.sticks(1.0)
+    assert flight.owner.mode(*HOLD) == 0
+    flight.sticks(0.2)
+    assert flight.owner.set("RTL_RETURN_ALT", 22.0) == 22.0
+
+
+def test_sticks_that_may_not_take_over_do_not_command(flight):
+    assert flight.owner.set("COM_RC_OVERRIDE", 0.0) == 0.0
+    flight.sticks(0.2)
+    flight.sticks(0.5, forward=600)
+    assert flight.pilot.mode.name == "MISSION"
+    assert flight.owner.set("RTL_RETURN_ALT", 21.0) == 21.0
+
+
+def test_sticks_on_the_ground_keep_no_program_from_taking_off():
+    sky = Sky()
+    program, pilot = Program(sky), Program(sky, port=2, system=255)
+    for _ in range(10):
+        pilot.say(m.MAVLink_manual_control_message(1, 0, 0, 0, 0, 0))  # throttle down
+        sky.fly(0.1)
+    assert sky.pilot.mode.value == POSITION
+    assert program.arm() == 0
+    assert program.command(m.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, NAN) == 0
+
+
+def test_whoever_terminates_the_flight_commands(flight):
+    assert flight.other.command(m.MAV_CMD_DO_FLIGHTTERMINATION, 1) == 0
+    assert flight.other.set("RTL_RETURN_ALT", 21.0) == 21.0
+    assert flight.owner.set("RTL_RETURN_ALT", 22.0) == 21.0
 
 
 def test_a_program_that_is_gone_is_not_in_command(flight):

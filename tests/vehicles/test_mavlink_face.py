@@ -20,6 +20,10 @@ from mavlink_clients import (
 )
 from pymavlink.dialects.v20 import common as m
 
+from skysweep.vehicles.mavlink.signing import Signing
+from skysweep.vehicles.mavlink.wire import Voice
+from skysweep.vehicles.served.face import Face
+
 NAN = float("nan")
 
 
@@ -105,6 +109,59 @@ def test_a_listener_sets_its_own_rates(sky, gcs):
     assert not gcs.of("LOCAL_POSITION_NED")
     for fixed in (7777, m.MAVLINK_MSG_ID_HEARTBEAT):
         assert gcs.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, fixed, 1e5) == m.MAV_RESULT_FAILED
+
+
+def test_an_interval_is_one_that_message_interval_can_tell(gcs):
+    kind, longest = m.MAVLINK_MSG_ID_ATTITUDE, float(np.nextafter(np.float32(2.0**31), np.float32(0.0)))
+    for interval in (5e9, 2.0**31, -5e9, NAN, float("inf")):
+        assert gcs.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, kind, interval) == m.MAV_RESULT_FAILED
+        assert gcs.command(m.MAV_CMD_GET_MESSAGE_INTERVAL, kind) == 0
+        assert gcs.of("MESSAGE_INTERVAL")[0].interval_us == 40_000
+    assert gcs.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, kind, longest) == 0
+    assert gcs.command(m.MAV_CMD_GET_MESSAGE_INTERVAL, kind) == 0
+    assert gcs.of("MESSAGE_INTERVAL")[0].interval_us == longest
+
+
+def test_a_mistake_of_ours_is_told_once_and_ends_no_flight(sky, gcs, monkeypatch, caplog):
+    def mistaken(_):
+        raise OverflowError("ours")
+
+    gcs.take_off(5.0)
+    monkeypatch.setattr(sky.pilot.offboard, "release", mistaken)
+    for _ in range(3):
+        gcs.say(m.MAVLink_command_long_message(1, 1, m.MAV_CMD_NAV_RETURN_TO_LAUNCH, 0, *[0.0] * 7))
+    assert gcs.texts().count("internal error: COMMAND_LONG was not handled") == 1
+    assert sky.face.faulty == {"COMMAND_LONG"}
+    (record,) = caplog.records
+    assert "please report it" in record.getMessage()
+    assert record.exc_info[0] is OverflowError
+    sky.fly(until=lambda: not sky.pilot.armed)
+
+
+def test_of_two_vehicles_each_has_its_own_system_id(sky):
+    heard = []
+    face = Face(sky.vehicle, sky.scenario, lambda datagram, _: heard.append(datagram), system_id=2)
+    decoder, voice = m.MAVLink(None), Voice(190, Signing(None), 245)
+
+    def say(message):
+        heard.clear()
+        face.receive(voice.pack(message), ("10.0.0.1", 1))
+        return [decoder.decode(bytearray(datagram)) for datagram in heard]
+
+    arm, configure = m.MAV_CMD_COMPONENT_ARM_DISARM, m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE
+    assert not say(m.MAVLink_command_long_message(1, 1, arm, 0, 1, *[0.0] * 6))
+    say(m.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0))
+    assert face.pilot.sticks.lost
+    say(m.MAVLink_manual_control_message(2, 0, 0, 500, 0, 0))
+    assert not face.pilot.sticks.lost
+    (ack,) = say(m.MAVLink_command_long_message(2, 1, configure, 0, -2, -2, *[0.0] * 5))
+    assert (ack.get_srcSystem(), ack.result) == (2, 0)
+    assert face.payload.control == (2, 1)
+    (value,) = say(m.MAVLink_param_request_read_message(2, 1, b"MAV_SYS_ID", -1))
+    assert struct.pack("<f", value.param_value) == struct.pack("<i", 2)
+    heard.clear()
+    face.tick()
+    assert {datagram[5] for datagram in heard} == {2}
 
 
 def test_messages_on_request(sky, gcs):
@@ -223,6 +280,37 @@ def test_take_off_hold_move_return_and_disarm(sky, gcs):
     assert sky.ned == pytest.approx([0.0, 0.0, 0.0], abs=1.2)
     assert sky.pilot.mode.name == "HOLD"
     assert "landed" in gcs.texts()
+
+
+@pytest.mark.parametrize("mode", [RETURN, HOLD, LAND])
+def test_a_changed_speed_ends_with_its_mode(sky, gcs, mode):
+    gcs.take_off(10.0)
+    there = sky.geodetic([60.0, 0.0, -10.0])
+    assert gcs.command(m.MAV_CMD_DO_REPOSITION, -1, 1, 0, NAN, *there) == 0
+    assert gcs.mode(*(LAND if mode == HOLD else HOLD)) == 0
+    assert gcs.command(m.MAV_CMD_DO_CHANGE_SPEED, 1, 0.01, -1) == 0
+    assert sky.pilot.cruise_mps == pytest.approx(0.01)
+    assert gcs.mode(*mode) == 0
+    assert sky.pilot.cruise_mps == sky.scenario.vehicle.cruise_speed_mps
+
+
+def test_it_comes_home_however_slow_it_was_told_to_be(sky, gcs):
+    gcs.take_off(10.0)
+    there = sky.geodetic([60.0, 0.0, -10.0])
+    assert gcs.command(m.MAV_CMD_DO_REPOSITION, -1, 1, 0, NAN, *there) == 0
+    sky.fly(25.0)
+    assert gcs.command(m.MAV_CMD_DO_CHANGE_SPEED, 1, 0.01, -1) == 0
+    assert gcs.command(m.MAV_CMD_NAV_RETURN_TO_LAUNCH) == 0
+    assert sky.fly(until=lambda: not sky.pilot.armed) < 120.0
+    assert sky.ned[:2] == pytest.approx([0.0, 0.0], abs=1.2)
+
+
+def test_a_reposition_brings_its_own_speed(sky, gcs):
+    gcs.take_off(10.0)
+    there = sky.geodetic([60.0, 0.0, -10.0])
+    assert gcs.command(m.MAV_CMD_DO_REPOSITION, 2.0, 1, 0, NAN, *there) == 0
+    sky.fly(12.0)
+    assert np.hypot(*sky.vehicle.true_velocity_enu_mps[:2]) == pytest.approx(2.0, abs=0.3)
 
 
 def test_land_where_it_is(sky, gcs):

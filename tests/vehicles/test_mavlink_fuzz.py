@@ -42,7 +42,7 @@ from skysweep.vehicles.mavlink.wire import Voice
 from skysweep.vehicles.served.server import LOOPBACK
 
 KEY = bytes(range(32))
-ODD = [0.0, 1.0, -1.0, 2.0, 400.0, 1e9, -1e38, float("nan"), float("inf"), float("-inf")]
+ODD = [0.0, 1.0, -1.0, 2.0, 400.0, 1e9, 5e9, -1e38, float("nan"), float("inf"), float("-inf")]
 STREAMS = 24  # address and ids of the senders
 LINK = 77  # the owner's; others may have its ids
 IN_A_ROW, WARM = 40, 2000  # datagrams between two pings, and before memory is measured
@@ -177,6 +177,9 @@ def sensible_messages(sky: Sky):
     yield local(5, 5, -10)
     yield local(0, 0, 0, 0b1101_1100_0111, velocity=(3.0, 1.0, -1.0))
     yield m.MAVLink_param_request_list_message(1, 1)
+    for interval in (5e9, 2.0**31, 1e5, -1.0):
+        yield command(m.MAV_CMD_SET_MESSAGE_INTERVAL, m.MAVLINK_MSG_ID_ATTITUDE, interval)
+        yield command(m.MAV_CMD_GET_MESSAGE_INTERVAL, m.MAVLINK_MSG_ID_ATTITUDE)
     for kind in (0, 1, 2):
         yield m.MAVLink_mission_count_message(1, 1, 3, kind)
         yield m.MAVLink_mission_request_list_message(1, 1, kind)
@@ -184,6 +187,8 @@ def sensible_messages(sky: Sky):
         i = item(sky, m.MAV_CMD_NAV_WAYPOINT, 10.0 * seq, 5.0, 10.0)
         place = (i.x, i.y, i.z, 0)
         yield m.MAVLink_mission_item_int_message(1, 1, seq, i.frame, i.command, 0, 1, *i.params, *place)
+        place = (i.x * 1e-7, i.y * 1e-7, i.z, 0)
+        yield m.MAVLink_mission_item_message(1, 1, seq, i.frame, i.command, 0, 1, *i.params, *place)
 
 
 def bombard(sky: Sky, count: int, seed: int, keys: list, in_the_air: bool = False) -> tuple[float, set]:
@@ -203,6 +208,7 @@ def bombard(sky: Sky, count: int, seed: int, keys: list, in_the_air: bool = Fals
             sky.face.tick()
             modes.add(sky.pilot.mode.name)
     assert np.isfinite(sky.vehicle.true_position_enu_m).all()
+    assert not sky.face.faulty
     return slowest, modes
 
 

@@ -145,6 +145,41 @@ def test_a_bad_item_ends_the_upload_and_what_was_there_stays(sky, gcs, change, r
     assert len(gcs.download()) == 6
 
 
+def as_degrees(i: Item, seq: int, **changes):
+    """MISSION_ITEM, as programs send it that are older than MISSION_ITEM_INT."""
+    place = {"x": i.x * 1e-7, "y": i.y * 1e-7, "z": i.z} | changes
+    head = 1, 1, seq, i.frame, i.command, 0, 1
+    return m.MAVLink_mission_item_message(*head, *i.params, place["x"], place["y"], place["z"])
+
+
+def test_items_may_come_in_degrees(sky, gcs):
+    items = lap(sky)
+    gcs.say(m.MAVLink_mission_count_message(1, 1, len(items), 0))
+    for seq, i in enumerate(items):
+        assert gcs.of("MISSION_REQUEST_INT")[-1].seq == seq
+        gcs.say(as_degrees(i, seq))
+    assert gcs.of("MISSION_ACK")[-1].type == ACCEPTED
+    for back, there in zip(gcs.download(), items, strict=True):
+        assert (back.frame, back.command, back.z) == (there.frame, there.command, there.z)
+        assert (back.x, back.y) == pytest.approx((there.x, there.y), abs=100)  # floats: a metre
+        assert back.params == pytest.approx(there.params, nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("change", "result"),
+    [
+        ({"x": NAN}, m.MAV_MISSION_INVALID_PARAM5_X),
+        ({"x": 90.1}, m.MAV_MISSION_INVALID_PARAM5_X),
+        ({"y": float("inf")}, m.MAV_MISSION_INVALID_PARAM6_Y),
+        ({"y": -1e38}, m.MAV_MISSION_INVALID_PARAM6_Y),
+    ],
+)
+def test_degrees_that_are_no_place_are_refused(sky, gcs, change, result):
+    gcs.say(m.MAVLink_mission_count_message(1, 1, 1, 0))
+    gcs.say(as_degrees(item(sky, m.MAV_CMD_NAV_WAYPOINT, 40, 0, 12.0), 0, **change))
+    assert gcs.of("MISSION_ACK")[-1].type == result
+
+
 def test_too_many_items_have_no_room(gcs):
     (ack,) = gcs.answers(m.MAVLink_mission_count_message(1, 1, 65535, 0), "MISSION_ACK")
     assert ack.type == m.MAV_MISSION_NO_SPACE
@@ -191,9 +226,13 @@ def test_a_mission_that_was_held_goes_on_where_it_was(sky, gcs):
     here = sky.ned
     sky.fly(5.0)
     assert sky.ned == pytest.approx(here, abs=0.3)
+    assert sky.pilot.cruise_mps == sky.scenario.vehicle.cruise_speed_mps
     assert gcs.mode(*MISSION) == 0
     assert sky.pilot.mission.current == 4
+    sky.tick()
+    assert sky.pilot.cruise_mps == 3.0, "that of the items before"
     sky.fly(until=lambda: sky.pilot.mode.name == "RETURN")
+    assert sky.pilot.cruise_mps == sky.scenario.vehicle.cruise_speed_mps
 
 
 def test_landing_where_the_last_item_says(sky, gcs):

@@ -163,6 +163,15 @@ def test_with_a_key_only_signed_frames_count(serve, tmp_path, monkeypatch):
     station.link.close()
 
 
+def test_two_vehicles_at_one_ground_station_are_two_systems(serve):
+    _, port = serve()
+    serve("--system-id", "2", "--gcs-port", str(port))
+    station, systems = Station(port), set()
+    while systems != {1, 2}:
+        systems.add(station.hear("HEARTBEAT", autopilot=m.MAV_AUTOPILOT_PX4).get_srcSystem())
+    station.link.close()
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -187,8 +196,10 @@ def test_a_taken_port_is_one_sentence():
     of = scenario()
     with VehicleServer(embedded_vehicle(of, 0), of, []) as server:
         port = server.address[1]
-        with pytest.raises(UserError, match=f"{port} is not available"):
+        with pytest.raises(UserError, match=f"{port} is not available") as error:
             VehicleServer(embedded_vehicle(of, 0), of, [], local_port=port)
+    for needed in ("--local-port", "--port", "--system-id", "--gcs-port"):
+        assert needed in str(error.value)
 
 
 def test_a_client_may_call_the_server_instead():
@@ -215,6 +226,11 @@ def test_it_waits_longer_for_programs_where_time_runs_faster():
     from skysweep.vehicles.embedded.at_home import embedded_vehicle
 
     of = scenario()
-    with VehicleServer(embedded_vehicle(of, 0), of, [], speed=3.0) as server:
-        waits = {name: server.face.parameters[name] for name in ("COM_OF_LOSS_T", "COM_RC_LOSS_T")}
-    assert waits == {"COM_OF_LOSS_T": 3.0, "COM_RC_LOSS_T": 3.0}
+    defaults = {"COM_OF_LOSS_T": 1.0, "COM_RC_LOSS_T": 1.0, "COM_DISARM_PRFLT": 10.0}
+    for speed in (3.0, 50.0):
+        with VehicleServer(embedded_vehicle(of, 0), of, [], speed=speed) as server:
+            parameters = server.face.parameters
+            waits = {name: parameters[name] for name in defaults}
+            assert parameters.set("COM_RC_LOSS_T", 35.0 * speed)
+            assert not parameters.set("COM_RC_LOSS_T", 35.1 * speed)
+        assert waits == {name: value * speed for name, value in defaults.items()}

@@ -36,6 +36,10 @@ def serve_vehicle(
     local_port: Annotated[
         int, typer.Option("--local-port", min=0, max=65535, help="Where it listens; 0: any free port.")
     ] = 14580,
+    system_id: Annotated[
+        int,
+        typer.Option("--system-id", min=1, max=254, help="Its MAVLink system id; each vehicle has its own."),
+    ] = 1,
     host: Annotated[
         str, typer.Option(help="Host of both programs; another computer opens the vehicle to the network.")
     ] = "127.0.0.1",
@@ -56,7 +60,9 @@ def serve_vehicle(
 
         skysweep serve-vehicle person-wilderness --speed 10
 
-        skysweep serve-vehicle --port 14541 --local-port 0 --signing-key key.txt
+        skysweep serve-vehicle --port 14541 --local-port 14581 --system-id 2
+
+        skysweep serve-vehicle --signing-key key.txt
     """
     from skysweep.vehicles.embedded.at_home import embedded_vehicle
     from skysweep.vehicles.mavlink.modes import Refused
@@ -71,10 +77,11 @@ def serve_vehicle(
         warn(f"{host} is another computer: the vehicle listens on every network. {who} can command it.")
     vehicle, listeners = embedded_vehicle(chosen, seed), [(to, port), (to, gcs_port)]
     interface = LOOPBACK if to == LOOPBACK else EVERYWHERE
-    server = VehicleServer(vehicle, chosen, listeners, speed, interface, local_port, key)
+    server = VehicleServer(vehicle, chosen, listeners, speed, interface, local_port, key, system_id)
     say(
         f"{chosen.name} at {speed:g}x: MAVSDK udpin://{to}:{port}, QGroundControl {to}:{gcs_port}; "
-        f"listening on {':'.join(map(str, server.address))}. Enter changes its battery, Ctrl-C ends it."
+        f"system {system_id}, listening on {':'.join(map(str, server.address))}. "
+        "Enter changes its battery, Ctrl-C ends it."
     )
 
     def watch(pilot: Autopilot) -> None:

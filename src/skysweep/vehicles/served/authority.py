@@ -3,7 +3,8 @@
 PX4 obeys every sender. Here, too, anyone may order Hold, Return, Land, the modes with sticks and switching
 off, so that a person can always take over. Orders that would take the vehicle away unseen are accepted only
 from the program in command while the vehicle is armed: parameters, home, speed, and plans except in Hold. No
-other program's Offboard, Mission, take-off or reposition replaces the Mission or take-off that it flies.
+other program's Offboard, Mission, take-off or reposition replaces the Mission or take-off that it flies, or a
+pilot's flight by sticks.
 """
 
 from __future__ import annotations
@@ -26,6 +27,12 @@ class Authority:
         self._pilot, self._silent_s = pilot, silent_s
         self._commander: Key | None = None
         self._heard_s = -math.inf
+
+    def tick(self) -> None:
+        """Gives command to a pilot who flies by sticks."""
+        pilot = self._pilot.sticks.source
+        if pilot is not None and self._pilot.by_stick:
+            self.take(pilot)
 
     def hear(self, key: Key) -> None:
         if key == self._commander:
@@ -50,12 +57,12 @@ class Authority:
             self.must_command(key)
 
     def must_be_free(self, key: Key, offboard_wanted: bool = False) -> None:
-        """Raises Denied if another program's Offboard, Mission or take-off would be replaced."""
+        """Raises Denied if another's Offboard, Mission, take-off or flight by sticks would be replaced."""
         pilot = self._pilot
         engaged = offboard_wanted or pilot.mode is PX4Mode.OFFBOARD
         if engaged and not pilot.offboard.may_control(key, pilot):
             raise Denied("denied: another program is in control")
-        if pilot.mode in (PX4Mode.MISSION, PX4Mode.TAKEOFF):
+        if pilot.mode in (PX4Mode.MISSION, PX4Mode.TAKEOFF) or pilot.by_stick:
             self.must_command(key)
 
     def _is_held(self) -> bool:

@@ -78,6 +78,11 @@ class Autopilot(Pilot):
         return self._failsafes.action > Reaction.WARN
 
     @property
+    def by_stick(self) -> bool:
+        """Whether a pilot flies it by sticks, and has not let go of them."""
+        return self.flying and self.mode in STICK_MODES and self.sticks.in_use
+
+    @property
     def battery_remaining(self) -> float:
         return self.state.battery_remaining if self.battery_share is None else self.battery_share
 
@@ -169,6 +174,7 @@ class Autopilot(Pilot):
         mode = failsafes.mode(intended)
         if mode is not self.mode:
             self.mode, self._doing = mode, self._manoeuvre(mode)
+            self.speed_mps = None  # DO_CHANGE_SPEED is for one mode, as in PX4
 
     def _manoeuvre(self, mode: PX4Mode) -> Manoeuvre:
         if mode is PX4Mode.OFFBOARD:

@@ -147,7 +147,7 @@ class Commands:
     def _terminate(self, order: Order) -> int | None:
         if not (self._pilot.armed and order.params[0] > _TERMINATES):
             return _DENIED
-        self._pilot.change_mode(PX4Mode.TERMINATION)
+        self._fly(PX4Mode.TERMINATION, order.sender)
         return None
 
     def _set_mode(self, order: Order) -> int | None:

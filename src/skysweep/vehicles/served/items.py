@@ -17,6 +17,7 @@ MISSION, FENCE, RALLY = 0, 1, 2  # MAV_MISSION_TYPE
 MAX_ITEMS = {MISSION: 500, FENCE: 64, RALLY: 32}
 
 AMSL, ABOVE_HOME = {0, 5}, {3, 6}  # MAV_FRAME
+_UNSET = 2**31 - 1  # MAVLink's integer for NaN
 _PLACES = {
     m.MAV_CMD_NAV_WAYPOINT,
     m.MAV_CMD_NAV_LOITER_UNLIM,
@@ -74,9 +75,14 @@ class Item:
 
     @classmethod
     def of(cls, message: Message) -> Item:
+        """The item of MISSION_ITEM_INT, or of MISSION_ITEM, whose place is in degrees."""
         kind = message.frame, message.command, message.autocontinue
         params = (message.param1, message.param2, message.param3, message.param4)
-        return cls(*kind, params, message.x, message.y, message.z)
+        x, y = message.x, message.y
+        if message.get_type() == "MISSION_ITEM":
+            unit = 1e7 if message.frame in AMSL | ABOVE_HOME else 1.0
+            x, y = (_UNSET if (n := whole(v * unit)) is None else n for v in (x, y))
+        return cls(*kind, params, x, y, message.z)
 
     def message(self, system: int, component: int, seq: int, kind: int) -> Message:
         """MISSION_ITEM_INT to a program."""

@@ -21,15 +21,16 @@ class Peer:
     """An address that hears the vehicle."""
 
     def __init__(
-        self, address: Address, transmit: Callable[[bytes, Address], None], signing: Signing
+        self, address: Address, transmit: Callable[[bytes, Address], None], signing: Signing, system_id: int
     ) -> None:
         self.address, self._transmit, self._signing = address, transmit, signing
+        self._system_id = system_id
         self._voices: dict[int, Voice] = {}
 
     def send(self, message: Message, component: int = AUTOPILOT) -> None:
         """Sends a message as one of the vehicle's components."""
         if component not in self._voices:
-            self._voices[component] = Voice(component, self._signing)
+            self._voices[component] = Voice(component, self._signing, self._system_id)
         self._transmit(self._voices[component].pack(message), self.address)
 
 

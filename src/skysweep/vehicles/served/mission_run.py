@@ -25,6 +25,7 @@ class MissionRun:
         self.finished = False
         self.reached: list[int] = []  # not yet reported
         self._jumps: dict[int, int] = {}
+        self._resumes = False  # from the next step on
         self._target: F64 | None = None
         self._yaw_rad = 0.0
         self._since_s: float | None = None  # at the place, or of the delay
@@ -51,12 +52,17 @@ class MissionRun:
     def begin(self) -> None:
         """Called when the mode is entered."""
         self.go_to(0 if self.finished else self.current)
+        self._resumes = True
 
     def step(self, pilot: Pilot) -> None:
         """Handles one item per step, so that circular jumps take time."""
         if not self.items:  # cleared in flight
             pilot.enter(PX4Mode.HOLD)
             return
+        if self._resumes:  # as PX4, at the speed of the items before
+            self._resumes = False
+            for before in self.items[: self.current]:
+                _change_speed(before, pilot)
         if self.finished or not (pilot.flying or pilot.may_lift_off):
             return
         item = self.items[self.current]
@@ -69,8 +75,7 @@ class MissionRun:
             self.finished = True
             pilot.enter(PX4Mode.RETURN)
         else:
-            if item.command == m.MAV_CMD_DO_CHANGE_SPEED and finite(item.params[1]):
-                pilot.speed_mps = item.params[1] if item.params[1] > 0.0 else None
+            _change_speed(item, pilot)
             jump = self._jump(item) if item.command == m.MAV_CMD_DO_JUMP else None
             self._done(pilot, jump)
 
@@ -147,6 +152,10 @@ class MissionRun:
             self.current += 1
         else:
             self.finished = True
-            pilot.speed_mps = None
             pilot.say("mission finished", NOTICE)
             pilot.enter(PX4Mode.HOLD, Hold(place))
+
+
+def _change_speed(item: Item, pilot: Pilot) -> None:
+    if item.command == m.MAV_CMD_DO_CHANGE_SPEED and finite(item.params[1]):
+        pilot.speed_mps = item.params[1] if item.params[1] > 0.0 else None

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from skysweep.scenarios.model import VehicleLimits
 from skysweep.vehicles.mavlink.dialect import mavlink
@@ -30,7 +30,7 @@ def _fixed(value: Number) -> _Parameter:
     return _Parameter(value, value, value)
 
 
-def _table(limits: VehicleLimits) -> dict[str, _Parameter]:
+def _table(limits: VehicleLimits, system_id: int) -> dict[str, _Parameter]:
     up, down = float(limits.climb_speed_mps), float(limits.descent_speed_mps)
     return {
         "BAT1_N_CELLS": _fixed(4),
@@ -56,7 +56,7 @@ def _table(limits: VehicleLimits) -> dict[str, _Parameter]:
         "GF_ACTION": _Parameter(2, 0, 5),
         "GF_MAX_HOR_DIST": _Parameter(0.0, 0.0, 10000.0),
         "GF_MAX_VER_DIST": _Parameter(0.0, 0.0, 10000.0),
-        "MAV_SYS_ID": _fixed(SYSTEM_ID),
+        "MAV_SYS_ID": _fixed(system_id),
         "MAV_TYPE": _fixed(2),
         "MIS_TAKEOFF_ALT": _Parameter(2.5, 0.0, 500.0),
         "MPC_LAND_SPEED": _fixed(0.7),
@@ -83,8 +83,8 @@ def _table(limits: VehicleLimits) -> dict[str, _Parameter]:
 class Parameters:
     """Values by name, and the answers of the parameter protocol."""
 
-    def __init__(self, limits: VehicleLimits) -> None:
-        self._table = _table(limits)
+    def __init__(self, limits: VehicleLimits, system_id: int = SYSTEM_ID) -> None:
+        self._table = _table(limits, system_id)
         self._names = list(self._table)
         self._values: dict[str, Number] = {name: p.default for name, p in self._table.items()}
 
@@ -100,7 +100,10 @@ class Parameters:
         return True
 
     def stretch(self, name: str, factor: float) -> None:
-        self.set(name, min(self._values[name] * factor, self._table[name].high))
+        """Multiplies a value and its upper limit."""
+        parameter = self._table[name]
+        self._table[name] = replace(parameter, high=parameter.high * factor)
+        self._values[name] *= factor
 
     def _message(self, name: str) -> Message:
         value = self._values[name]

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from skysweep.scenarios.model import GIMBAL_PITCH_DEG, CameraModel
 from skysweep.types import VehicleState
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.modes import AUTOPILOT, SYSTEM_ID, quaternion
+from skysweep.vehicles.mavlink.modes import AUTOPILOT, quaternion
 from skysweep.vehicles.mavlink.wire import Message
 
 _DEVICE = 1  # a gimbal that is part of the autopilot's component
@@ -29,8 +29,8 @@ class Payload:
     ``look`` points it to a pitch in rad; None if the vehicle cannot.
     """
 
-    def __init__(self, camera: CameraModel, look: Callable[[float], None] | None = None) -> None:
-        self._camera, self._look = camera, look
+    def __init__(self, camera: CameraModel, look: Callable[[float], None] | None, system_id: int) -> None:
+        self._camera, self._look, self._system_id = camera, look, system_id
         pitch = camera.gimbal.pitch_deg
         self._limits_rad = tuple(map(math.radians, (pitch, pitch) if look is None else GIMBAL_PITCH_DEG))
         self.control = (0, 0)  # system and component in control
@@ -39,7 +39,7 @@ class Payload:
         """DO_GIMBAL_MANAGER_CONFIGURE: gives or releases control. As in PX4, "itself" is the vehicle."""
         system, component = params[0], params[1]
         if (system, component) == (_ITSELF, _ITSELF):
-            self.control = SYSTEM_ID, AUTOPILOT
+            self.control = self._system_id, AUTOPILOT
         elif (system, component) == (_RELEASE, _RELEASE):
             self.control = (0, 0) if self.control == sender else self.control
         elif 0.0 <= system <= 255.0 and 0.0 <= component <= 255.0:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 
-from skysweep.vehicles.mavlink.signing import Signing
 from skysweep.vehicles.mavlink.wire import Message
 from skysweep.vehicles.served.link import Address, Peer
 from skysweep.vehicles.served.telemetry import Report, Streams
@@ -34,13 +33,11 @@ class Peers:
     def __init__(
         self,
         hosts: Iterable[Address],
-        transmit: Callable[[bytes, Address], None],
-        signing: Signing,
+        peer_at: Callable[[Address], Peer],
         reports: dict[int, Report],
         silent_s: float,
     ) -> None:
-        self._transmit, self._signing = transmit, signing
-        self._reports, self._silent_s = reports, silent_s
+        self._peer_at, self._reports, self._silent_s = peer_at, reports, silent_s
         self._guests: dict[Address, Listener] = {}
         self._hosts = {address: self._listener(address, 0.0) for address in hosts}
 
@@ -70,4 +67,4 @@ class Peers:
         return time_s - listener.heard_s <= self._silent_s
 
     def _listener(self, address: Address, time_s: float) -> Listener:
-        return Listener(Peer(address, self._transmit, self._signing), Streams(self._reports), time_s)
+        return Listener(self._peer_at(address), Streams(self._reports), time_s)

@@ -33,7 +33,7 @@ class Pilot(ABC):
         self.landing = False
         self.setpoint: Setpoint | None = None
         self.home_enu_m: F64 = self.state.position_enu_m
-        self.speed_mps: float | None = None  # of automatic modes, if it was changed
+        self.speed_mps: float | None = None  # of the automatic mode, if it was changed since it began
         self.fence: UploadedFence = NO_FENCE
         self.rally_enu_m: tuple[F64, ...] = ()
         self._armed_s = self._lifted_s = self._landed_s = -np.inf

@@ -13,6 +13,7 @@ from contextlib import ExitStack
 from skysweep.errors import UserError
 from skysweep.scenarios.model import Scenario
 from skysweep.types import Vehicle
+from skysweep.vehicles.mavlink.modes import SYSTEM_ID
 from skysweep.vehicles.mavlink.signing import Signing
 from skysweep.vehicles.mavlink.signing_memory import SigningMemory
 from skysweep.vehicles.served.autopilot import Autopilot
@@ -39,11 +40,11 @@ def address_of(host: str) -> str:
 class VehicleServer:
     """Flies ``vehicle`` for programs that speak MAVLink to it.
 
-    Sends from ``local_port`` (0: any free one) on ``host`` to the ``listeners`` and to every program that
-    speaks to it. If vehicle time runs faster than the wall clock, its timeouts for programs grow by the same
-    factor, as in PX4's own simulations. Use it as a context manager, which runs it in a thread, or call
-    ``run``, which blocks. Raises UserError if the port is taken, or the times of a signed link cannot be
-    stored (``SigningMemory``).
+    Sends as ``system_id`` from ``local_port`` (0: any free one) on ``host`` to the ``listeners`` and to every
+    program that speaks to it. If vehicle time runs faster than the wall clock, its timeouts for programs grow
+    by the same factor, as in PX4's own simulations. Use it as a context manager, which runs it in a thread,
+    or call ``run``, which blocks. Raises UserError if the port is taken, or the times of a signed link cannot
+    be stored (``SigningMemory``).
 
     Example:
         with VehicleServer(vehicle, scenario, listeners=[("127.0.0.1", 14540)], speed=10.0) as server:
@@ -59,6 +60,7 @@ class VehicleServer:
         host: str = LOOPBACK,
         local_port: int = 0,
         signing_key: bytes | None = None,
+        system_id: int = SYSTEM_ID,
     ) -> None:
         with ExitStack() as undo:
             self._socket = undo.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
@@ -67,7 +69,8 @@ class VehicleServer:
             except OSError as error:
                 raise UserError(
                     f"--local-port: {host}:{local_port} is not available ({error.strerror}); "
-                    "choose another port"
+                    "choose another one, and for a second vehicle another --port and --system-id as well "
+                    "(ground stations tell two vehicles at one --gcs-port apart)"
                 ) from None
             signing = None if signing_key is None else Signing(signing_key, SigningMemory.of(signing_key))
             undo.pop_all()
@@ -75,7 +78,7 @@ class VehicleServer:
         self._speed = speed
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
-        self.face = Face(vehicle, scenario, self._transmit, listeners, signing, time.time(), speed)
+        self.face = Face(vehicle, scenario, self._transmit, listeners, signing, time.time(), speed, system_id)
         for name in _WAITS_FOR_PROGRAMS if speed > 1.0 else ():
             self.face.parameters.stretch(name, speed)
 

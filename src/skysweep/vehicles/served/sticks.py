@@ -11,12 +11,13 @@ import numpy as np
 from skysweep.types import F64
 from skysweep.vehicles.mavlink.modes import TICK_S
 from skysweep.vehicles.mavlink.wire import Message
-from skysweep.vehicles.served.link import Address
+from skysweep.vehicles.served.link import Key
 from skysweep.vehicles.served.pilot import Pilot
 
 RC_ONLY, MAVLINK_ONLY, FALL_BACK, KEEP_FIRST, NONE = range(5)  # COM_RC_IN_MODE; PX4's 5 to 8 sort by link
 _CENTRED = np.zeros(4)
 _MOVED_OVER_S = 0.1  # time constant of the filter on how fast they move
+_LET_GO_S = 1.0  # centred for so long, they are let go of
 _DEAD_ZONE, _EXPONENTIAL = 0.1, 0.6  # MAN_DEADZONE; MPC_XY_MAN_EXPO, MPC_Z_MAN_EXPO and MPC_YAW_EXPO
 
 
@@ -26,31 +27,32 @@ class Sticks:
     def __init__(self) -> None:
         self.lost = True
         self.moving = False  # enough for the pilot to take over
+        self.in_use = False  # moved, or away from the centre, a moment ago
+        self.source: Key | None = None  # whose they are
         self._position = self._before = _CENTRED
         self._speed = _CENTRED  # of the sticks, 1/s, filtered
-        self._source: Address | None = None
-        self._first: Address | None = None
-        self._heard_s = -np.inf
+        self._first: Key | None = None
+        self._heard_s = self._used_s = -np.inf
 
     @property
     def position(self) -> F64:
         return _CENTRED if self.lost else self._position
 
-    def hear(self, message: Message, address: Address, in_mode: int, time_s: float) -> None:
+    def hear(self, message: Message, key: Key, in_mode: int, time_s: float) -> None:
         """Takes MANUAL_CONTROL if ``in_mode`` (COM_RC_IN_MODE) admits this sender."""
-        if in_mode in (RC_ONLY, NONE) or (not self.lost and address != self._source):
+        if in_mode in (RC_ONLY, NONE) or (not self.lost and key != self.source):
             return
-        if in_mode == KEEP_FIRST and self._first not in (None, address):
+        if in_mode == KEEP_FIRST and self._first not in (None, key):
             return
-        self._first = self._first or address
+        self._first = self._first or key
         axes = np.array([message.x, message.y, 2.0 * message.z - 1000.0, message.r]) / 1000.0
         self._position = np.where(np.abs(axes) <= 1.0, axes, 0.0)
         if self.lost:
             self._before, self._speed = self._position, _CENTRED
-        self._source, self._heard_s, self.lost = address, time_s, False
+        self.source, self._heard_s, self.lost = key, time_s, False
 
     def tick(self, time_s: float, lost_after_s: float, moved_percent: float) -> None:
-        """Updates ``lost`` and ``moving`` by COM_RC_LOSS_T and COM_RC_STICK_OV, once a tick."""
+        """Updates ``lost``, ``moving`` and ``in_use`` by COM_RC_LOSS_T and COM_RC_STICK_OV, once a tick."""
         self.lost = self.lost or time_s - self._heard_s > lost_after_s
         self.moving = False
         if not self.lost:
@@ -58,6 +60,9 @@ class Sticks:
             self._speed = self._speed + share * ((self._position - self._before) / TICK_S - self._speed)
             self._before = self._position
             self.moving = bool((np.abs(self._speed) > 0.01 * moved_percent).any())
+            if self.moving or (np.abs(self._position) > _DEAD_ZONE).any():
+                self._used_s = time_s
+        self.in_use = not self.lost and time_s - self._used_s <= _LET_GO_S
 
 
 class ByStick:

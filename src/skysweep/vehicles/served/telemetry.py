@@ -53,6 +53,7 @@ _CELLS, _CELL_EMPTY_V, _CELL_FULL_V = 4, 3.6, 4.05
 _NO_GPS, _GPS_3D, _SATELLITES = 0, 3, 12
 _NONE_U16, _MAX_I16, _NAN = 65535, 32767, float("nan")
 _HORIZONTAL_M, _VERTICAL_M = 0.3, 0.15
+_LONGEST_US = 2.0**31  # of an interval, below it: MESSAGE_INTERVAL carries an int32
 
 
 class Moment:
@@ -331,10 +332,11 @@ class Streams:
     def set_interval(self, kind: int, interval_us: float) -> bool:
         """As MAV_CMD_SET_MESSAGE_INTERVAL: -1 stops, 0 is the default rate.
 
-        False for unknown messages and for the heartbeat, whose rate is fixed in PX4.
+        False for unknown messages, intervals that MESSAGE_INTERVAL cannot tell, and the heartbeat, whose rate
+        is fixed in PX4.
         """
         report = self._messages.get(kind)
-        if report is None or kind == m.MAVLINK_MSG_ID_HEARTBEAT or not abs(interval_us) < 1e10:
+        if report is None or kind == m.MAVLINK_MSG_ID_HEARTBEAT or not abs(interval_us) < _LONGEST_US:
             return False
         self._periods_s.pop(kind, None)
         if interval_us > 0.0:

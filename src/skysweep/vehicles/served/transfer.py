@@ -62,7 +62,7 @@ class Transfers:
             self._ask()
 
     def item(self, message: Message, sender: Sender) -> None:
-        """MISSION_ITEM_INT: takes the requested item and ignores all others."""
+        """MISSION_ITEM_INT (and its older form): takes the requested item and ignores all others."""
         up = self._upload
         if up is None or (up.sender.key, up.kind) != (sender.key, message.mission_type):
             return
