@@ -4,11 +4,14 @@ import json
 
 import numpy as np
 import pytest
+import shapely
 from typer.testing import CliRunner
 
 from skysweep.cli import app
+from skysweep.planning.prior.flown import path_of_plan
 from skysweep.planning.prior.map_files import read_map
 from skysweep.planning.qgc import read_plan
+from skysweep.scenarios.files import load_scenario
 
 BOUNDS = (22.10, 60.20, 22.11, 60.205)
 START = "22.101,60.201"
@@ -106,6 +109,63 @@ def test_how_much_of_a_map_lies_outside_the_area_is_said(tmp_path):
     assert said.exit_code == 0, said.output
     warned = said.stderr.replace("\n", " ")
     assert "far.npz: all but 0.4% of the map lies outside the area and is left out" in warned
+
+
+@pytest.mark.parametrize(
+    "kept",
+    [
+        "safety: {no_fly_enu_m: [[[100, 80], [300, 80], [300, 240], [100, 240]]]}\n"
+        "area: {polygon_enu_m: [[0, 0], [440, 0], [440, 440], [0, 440]]}\n",
+        "geofence_enu_m: [[-20, -20], [460, -20], [460, 460], [280, 460], [280, 120], [200, 120], "
+        "[200, 460], [-20, 460]]\n"
+        "area: {polygon_enu_m: [[0, 0], [440, 0], [440, 440], [300, 440], [300, 100], [180, 100], "
+        "[180, 440], [0, 440]]}\n",
+    ],
+)
+def test_no_leg_leads_where_nobody_may_fly(tmp_path, kept):
+    """Round a no-fly area, inside a fence with a bay; a mission takes the plan."""
+    home = "home: {latitude_deg: 60.2006, longitude_deg: 22.1011}\n"
+    (tmp_path / "kept.yaml").write_text(f"name: kept\n{home}{kept}")
+    scenario = load_scenario("kept.yaml")
+    done("kept.yaml", *search(out="kept"))
+    line = shapely.LineString(path_of_plan("kept/kept-1.plan", scenario.frame))
+    assert line.length <= 6000.0 + 0.1
+    for ring in scenario.safety.no_fly_enu_m:
+        assert line.intersection(shapely.Polygon(ring)).length < 0.1
+    if scenario.geofence_enu_m is not None:
+        assert line.difference(shapely.Polygon(scenario.geofence_enu_m)).length < 0.1
+    report = json.loads((tmp_path / "kept/sortie.json").read_text())
+    assert report["pos"] > 0.5 * report["bound"]
+
+
+def test_what_lies_where_nobody_may_fly_is_left_out_and_said(tmp_path):
+    (tmp_path / "kept.yaml").write_text(
+        SCENARIO + "safety: {no_fly_enu_m: [[[250, 100], [450, 100], [450, 350], [250, 350]]]}\n"
+    )
+    said = plan("kept.yaml", *search())
+    assert said.exit_code == 0, said.output
+    assert "of the map in the area lies in no-fly areas or outside the geofence" in " ".join(
+        said.stderr.split()
+    )
+    refused(
+        "lies in a no-fly area or outside the geofence; start elsewhere",
+        "kept.yaml",
+        *search("--start", "22.107,60.2025"),
+    )
+    poa = np.zeros((50, 50))
+    poa[25:28, 31:33] = 1.0
+    np.savez("map.npz", poa=poa, bounds_lon_lat_deg=BOUNDS)
+    refused("only where nobody may fly", "kept.yaml", *search())
+
+
+def test_a_budget_that_is_not_flown_is_said(tmp_path):
+    poa = np.zeros((50, 50))
+    poa[20:23, 30:33] = 1.0
+    np.savez("map.npz", poa=poa, bounds_lon_lat_deg=BOUNDS)
+    assert "of the budget; bound of all of it 100.0%" in done(*search("--budget-m", 90000))
+    report = json.loads((tmp_path / "out/sortie.json").read_text())
+    assert report["unused_m"] == pytest.approx(90000 - sum(report["path_lengths_m"]))
+    assert report["bound_of_budget"] >= report["bound"] >= report["pos"] > 0.99
 
 
 def test_a_mission_that_was_flown_counts_as_searched(tmp_path):

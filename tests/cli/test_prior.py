@@ -101,6 +101,34 @@ def test_a_map_over_an_area_leaves_out_the_corners_around_it(tmp_path):
         assert "outside the area: " in said
 
 
+def test_what_a_map_leaves_out_is_said_of_all_places(tmp_path):
+    """Not of those alone within the map's bounds: 95 % and more lie beyond an area of 110 m by 90 m."""
+    (tmp_path / "shore.yaml").write_text(SHORE)
+    own = ("--lkp", LKP, "--within-m", "1000,2000,4000,6000")
+    said = " ".join(done("lost-person", *own, "--over", "shore.yaml").stderr.split())
+    assert "outside the area: all but 0.08% of where the target may be" in said
+    adrift = ("drift", "--lkp", LKP, "--hours", 1, "--wind", "8,180", "--current", "0.3,180")
+    said = " ".join(done(*adrift, "--over", "shore.yaml", "--lkp-std-m", 2000).stderr.split())
+    assert "outside the area: all but 0." in said
+    around = done("lost-person", *own)
+    assert "outside the area: 5% of where the target may be" in " ".join(around.output.split())
+    assert "outside" not in done(*adrift).output
+
+
+def test_one_place_alone_is_no_map():
+    still = ("drift", "--lkp", LKP, "--hours", 1, "--wind", "0,0", "--current", "0,0", "--lkp-std-m", 0)
+    refused("leave one place to be at", *still, "--wind-std", 0, "--current-std", 0)
+
+
+def test_a_mixture_of_maps_too_fine_for_their_extent_has_coarser_cells():
+    done("lost-person", *OWN[:-1], 0.8, "--out", "fine.npz")
+    done("lost-person", "--lkp", LKP, "--within-m", "1000,2000,4000,6000", "--out", "wide.npz")
+    said = " ".join(done("mix", "fine.npz:1", "wide.npz:1").stderr.split())
+    assert "as 0.8 m over all maps would be too many" in said
+    mixture = read_map("mixed.npz")
+    assert 3_000_000 < mixture.poa.size <= 4_000_000
+
+
 def test_drift_goes_with_current_and_wind():
     """0.5 m/s to the east for two hours; the wind blows from the south and takes it to the north."""
     done(
@@ -197,6 +225,9 @@ def test_mistakes_are_told_in_one_sentence(tmp_path):
     refused("--hours: is -1", "drift", *weather, "--hours", -1)
     refused("area: reaches", "drift", *weather, "--hours", 1e6)
     refused("--leeway BOAT", "drift", *weather, "--hours", 1, "--leeway", "BOAT")
+    refused(
+        "--wind: has a speed of -8 m/s", "drift", *weather[:2], "--wind=-8,225", *weather[4:], "--hours", 1
+    )
     refused("write 2 numbers", "drift", *weather, "--hours", 1, "--wind", "8")
     refused("as many as of the other", "drift", *weather, *weather[2:], "--wind", "9,9", "--hours", 1)
     refused("write at least one", "terrain", "lost.npz")

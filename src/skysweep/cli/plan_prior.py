@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import shapely
 from rich.table import Table
 
 from skysweep.arrays import F64
@@ -16,12 +17,14 @@ from skysweep.cli.searched import coverage_of_searches
 from skysweep.errors import UserError
 from skysweep.files.writing import whole_files
 from skysweep.geometry.frames import LocalFrame
+from skysweep.mission.fence import Fence
 from skysweep.planning.area_files import scenario_over
 from skysweep.planning.flight_plan import leg_time_s
 from skysweep.planning.prior.map_files import read_map, write_map
 from skysweep.planning.prior.maps import FARTHEST_M, ProbabilityMap
 from skysweep.planning.prior.picture import draw_sortie
 from skysweep.planning.prior.planned_sortie import PlannedSortie, plan_sortie
+from skysweep.planning.prior.ways_round import Way
 from skysweep.planning.qgc import plan_for_qgc, write_plan
 from skysweep.scenarios.files import change_scenario
 from skysweep.scenarios.model import Home, Scenario
@@ -56,9 +59,10 @@ def plan_with_prior(
     """Plan a sortie over a map, within the area of a scenario where there is one; write and answer it."""
     cells = _map(options, scenario)
     start = _start(options, scenario, cells.frame)
+    way = None if scenario is None else _way(options, scenario, start)
     with counting("paths") as count:
         sortie = plan_sortie(
-            cells, start, options.budget_m, options.sweep_width_m, options.uavs, options.seed, count
+            cells, start, options.budget_m, options.sweep_width_m, options.uavs, options.seed, count, way
         )
     chosen = scenario or change_scenario(_scenario_of(options.prior, sortie), changes)
     plans = [f"{chosen.name}-{k + 1}.plan" for k in range(options.uavs)]
@@ -99,10 +103,45 @@ def _map(options: SearchOptions, scenario: Scenario | None) -> ProbabilityMap:
         if outside > _WORTH_SAYING:
             left_out = percent(outside)
             warn(f"--prior {options.prior}: {left_out} of the map lies outside the area and is left out")
+        free = _free_of(scenario)
+        if free is not None:
+            closed = 1.0 - cells.share_within(free)
+            if closed >= 1.0 - 1e-12:
+                raise UserError(
+                    f"--prior {options.prior}: lies within the area only where nobody may fly; cut "
+                    "safety.no_fly_enu_m, widen geofence_enu_m, or give a map of other places"
+                )
+            cells = cells.within(free)
+            if closed > _WORTH_SAYING:
+                warn(
+                    f"--prior {options.prior}: {percent(closed)} of the map in the area lies in no-fly areas "
+                    "or outside the geofence and is left out"
+                )
     coverage, _ = coverage_of_searches(
         cells, options.searched, options.sweep_width_of_runs_m, options.sweep_width_m
     )
     return cells.after_coverage(coverage)
+
+
+def _free_of(scenario: Scenario) -> shapely.Geometry | None:
+    """Where the scenario lets a vehicle fly; None where that is everywhere."""
+    rings, drawn = scenario.safety.no_fly_enu_m, scenario.geofence_enu_m
+    if not rings and drawn is None:
+        return None
+    inside = shapely.Polygon(drawn) if drawn is not None else scenario.area_enu_m.envelope
+    return shapely.difference(inside, shapely.union_all([shapely.Polygon(ring) for ring in rings]))
+
+
+def _way(options: SearchOptions, scenario: Scenario, start: F64) -> Way | None:
+    """Ways inside the drawn geofence and round no-fly areas; None where all of them are straight."""
+    if _free_of(scenario) is None:
+        return None
+    fence, begin = Fence(scenario, path_xy_enu_m=start[None]), (float(start[0]), float(start[1]))
+    if not fence.allows(begin):
+        raise UserError(
+            f"--start {options.start_lon_lat}: lies in a no-fly area or outside the geofence; start elsewhere"
+        )
+    return fence.way
 
 
 def _start(options: SearchOptions, scenario: Scenario | None, frame: LocalFrame) -> F64:
@@ -141,6 +180,11 @@ def _told(sortie: PlannedSortie, speed_mps: float) -> Table:
     table = figures_table()
     table.add_row("sweep width", f"{sortie.sweep_width_m:.1f} m")
     table.add_row("paths", f"{len(sortie.paths_xy_m)}, {expected.length_m[-1]:.0f} m together")
+    if sortie.unused_m > 0.0:
+        table.add_row(
+            "unused",
+            f"{sortie.unused_m:.0f} m of the budget; bound of all of it {sortie.bound_of_budget:.1%}",
+        )
     table.add_row("time", f"{longest_s / 60:.1f} min for the longest, without take-off and return")
     table.add_row("expected POS", f"{expected.pos[-1]:.1%} (exponential detection)")
     table.add_row(

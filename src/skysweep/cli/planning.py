@@ -99,7 +99,7 @@ def plan(
     from skysweep.cli.plan_gaps import plan_gaps, refuse_pod
     from skysweep.cli.plan_prior import SearchOptions, plan_with_prior, width_of_sensor
     from skysweep.errors import UserError
-    from skysweep.planning.advice import warnings_for_plan
+    from skysweep.planning.advice import warnings_for_any_path, warnings_for_plan
     from skysweep.planning.assessment import assess
     from skysweep.planning.flight_plan import plan_scenario
     from skysweep.planning.picture import draw_plan
@@ -136,7 +136,7 @@ def plan(
             )
         if budget_m is None:
             raise UserError("--budget-m: is missing; write the length of all paths in metres")
-        for warning in warnings_for_plan(chosen) if chosen is not None else []:
+        for warning in warnings_for_any_path(chosen) if chosen is not None else []:
             warn(warning)
         width_m = sweep_width_m if sweep_width_m is not None else width_of_sensor(chosen)
         options = SearchOptions(prior, budget_m, width_m, uavs, start, searched or [], sweep_width_m, seed)

@@ -11,6 +11,7 @@ import typer
 from skysweep.cli import completion
 from skysweep.cli.common import SeedOption, friendly, lon_lat_of, tell, warn, working
 from skysweep.errors import UserError
+from skysweep.text import percent
 
 if TYPE_CHECKING:
     import shapely
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 app = typer.Typer(no_args_is_help=True, help="Maps of where a target may be, for `plan --prior`.")
 
 _ACROSS = 200  # cells along a new map's longer side
+_WORTH_SAYING = 0.01  # of where the target may be, that lies outside a map
+_WORTH_A_WARNING = 0.1
 _SEA_MARGIN = 0.1  # of the particles' extent, that a map of drift is larger on each side
 
 LkpOption = Annotated[
@@ -75,7 +78,7 @@ def lost_person(
     """
     import shapely
 
-    from skysweep.planning.prior.lost_person import Distances, around_last_known_position, distances_of
+    from skysweep.planning.prior.lost_person import Distances, distances_of, with_share
 
     if within_m is None:
         distances = distances_of(category, ecoregion)
@@ -84,8 +87,8 @@ def lost_person(
         distances = Distances("own", "own", (near, half, far, farthest))
     reach_m = distances.within_m[-1]
     cells, here = _cells(lkp, over, cell_m, shapely.box(-reach_m, -reach_m, reach_m, reach_m))
-    lost = around_last_known_position(cells, here, distances)
-    _write(out, f"{distances.category}, {distances.ecoregion}", _only_inside(cells, lost), here)
+    lost, share = with_share(cells, here, distances)
+    _write(out, f"{distances.category}, {distances.ecoregion}", _only_inside(cells, lost, share), here)
 
 
 @app.command("drift")
@@ -124,7 +127,7 @@ def drift(
     import shapely
 
     from skysweep.planning.prior.checks import positive
-    from skysweep.planning.prior.drift import Weather, drifted, map_of_particles
+    from skysweep.planning.prior.drift import Weather, drifted, map_of_particles, share_on
     from skysweep.scenarios.leeway import LEEWAY
 
     if leeway not in LEEWAY:
@@ -149,14 +152,21 @@ def drift(
     (west, south), (east, north) = particles.min(axis=0), particles.max(axis=0)
     reach = shapely.box(west, south, east, north).union(shapely.Point(0.0, 0.0)).envelope
     margin_m = _SEA_MARGIN * max(east - west, north - south)
-    cells, here = _cells(lkp, over, cell_m, reach.buffer(margin_m, join_style="mitre"))
+    around = reach.buffer(margin_m, join_style="mitre")
+    if around.is_empty and over is None:
+        raise UserError(
+            "--lkp-std-m, --wind-std, --current-std: leave one place to be at; write one of them above 0, or "
+            "name an area with --over"
+        )
+    cells, here = _cells(lkp, over, cell_m, around)
     if cells.frame != frame:
         heights = np.zeros(len(particles))
         particles = cells.frame.enu_from_geodetic(
             frame.geodetic_from_enu(np.column_stack([particles, heights]))
         )[:, :2]
     drifting = map_of_particles(cells, particles, smooth_m=2.0 * cells.cell_size_m)
-    _write(out, f"{LEEWAY[leeway].name}, after {hours:g} h", _only_inside(cells, drifting), here)
+    inside = _only_inside(cells, drifting, share_on(cells, particles))
+    _write(out, f"{LEEWAY[leeway].name}, after {hours:g} h", inside, here)
 
 
 @app.command("terrain")
@@ -237,7 +247,11 @@ def mix(
 
     given = [_with_numbers(text, "MAP:WEIGHT", "MAP:WEIGHT") for text in maps]
     with working("bringing the maps onto one grid"):
-        grids = on_one_grid([read_map(path) for path, _ in given])
+        read = [read_map(path) for path, _ in given]
+        grids = on_one_grid(read)
+    finest_m, cell_m = min(cells.cell_size_m for cells in read), grids[0].cell_size_m
+    if cell_m > 1.001 * finest_m:
+        warn(f"cells: are {cell_m:.3g} m wide, as {finest_m:.3g} m over all maps would be too many")
     title = " + ".join(f"{weight:g} {path.stem}" for path, (weight,) in given)
     both = mixed(grids, [weight for _, (weight,) in given])
     _write(out, title, both, _mark(lkp, both))
@@ -331,12 +345,18 @@ def _cells(
     return cells, ground_path([here], frame)[0]
 
 
-def _only_inside(cells: ProbabilityMap, found: ProbabilityMap) -> ProbabilityMap:
-    """The map without what lies in the corners around the area that the cells are of."""
+def _only_inside(cells: ProbabilityMap, found: ProbabilityMap, share: float) -> ProbabilityMap:
+    """The map without the corners around the area that the cells are of. What is left out is said.
+
+    ``share`` is the probability that the target is within the map's bounds at all.
+    """
     inside = cells.poa > 0.0
-    if inside.all():
-        return found
-    tell(f"outside the area: {found.poa[~inside].sum():.0%} of what its bounds hold; the map is of the rest")
+    outside = 1.0 - share * float(found.poa[inside].sum())
+    words = f"outside the area: {percent(outside)} of where the target may be; the map is of the rest"
+    if outside > _WORTH_A_WARNING:
+        warn(f"{words}, as if it were there for sure: make it larger, or plan for that too")
+    elif outside > _WORTH_SAYING:
+        tell(words)
     return found.times(inside)
 
 
@@ -355,6 +375,8 @@ def _steps(texts: list[str], option: str, towards: float) -> F64:
     import numpy as np
 
     speed_mps, degrees = np.array([_numbers(text, option, 2) for text in texts]).T
+    if speed_mps.min() < 0.0:
+        raise UserError(f"{option}: has a speed of {speed_mps.min():g} m/s; write speeds from 0 on")
     angle_rad = np.radians(degrees)
     return np.asarray(towards * speed_mps[:, None] * np.column_stack([np.sin(angle_rad), np.cos(angle_rad)]))
 

@@ -53,11 +53,18 @@ def warnings_for(scenario: Scenario, cover_altitude_agl_m: float | None = None) 
 def warnings_for_plan(scenario: Scenario, cover_altitude_agl_m: float | None = None) -> list[str]:
     """Those that need no targets."""
     return [
-        *_about_ground(scenario),
         *warnings_for_batteries(scenario, cover_altitude_agl_m),
         *_about_way(scenario),
-        *_about_resolution(scenario),
         *_about_footprints(scenario),
+        *warnings_for_any_path(scenario),
+    ]
+
+
+def warnings_for_any_path(scenario: Scenario) -> list[str]:
+    """Those that need no transects either."""
+    return [
+        *_about_ground(scenario),
+        *_about_resolution(scenario),
         *_about_gimbal(scenario),
         *_about_obstacles(scenario),
         *_about_speeds(scenario),

@@ -4,7 +4,7 @@ import numpy as np
 import pyproj
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from maps_of_all_kinds import gaussian
 
@@ -156,6 +156,86 @@ def test_a_geotiff_in_another_projection_comes_to_lie_where_it_was(tmp_path):
     assert cells.cell_size_m == pytest.approx(10.0, rel=0.01)
 
 
+@settings(max_examples=40, deadline=None)
+@given(
+    latitude=st.floats(-85.0, 85.0),
+    longitude=st.floats(-180.0, 180.0),
+    aspect=st.sampled_from([0.5, 1.0, 2.0]),
+    places=st.lists(st.tuples(st.integers(0, 20), st.integers(0, 20)), min_size=2, max_size=2, unique=True),
+)
+def test_cells_keep_their_probability_in_degrees(tmp_path_factory, latitude, longitude, aspect, places):
+    """Two of as much, anywhere on earth: what lies nearer to one of them is half of all."""
+    poa, pitch = np.zeros((21, 21)), np.array([0.001 * aspect, 0.001])
+    for row, column in places:
+        poa[row, column] = 0.5
+    path = tmp_path_factory.mktemp("maps") / "map.npz"
+    east = (longitude + 21 * pitch[0] + 180.0) % 360.0 - 180.0
+    np.savez(path, poa=poa, bounds_lon_lat_deg=(longitude, latitude, east, latitude + 21 * pitch[1]))
+    cells = read_map(path)
+    assert cells.poa.sum() == pytest.approx(1.0)
+    middles = [[latitude + (r + 0.5) * pitch[1], longitude + (c + 0.5) * pitch[0], 0.0] for r, c in places]
+    one, other = cells.frame.enu_from_geodetic(middles)[:, :2]
+    assume(np.linalg.norm(one - other) > 4.0 * cells.cell_size_m)
+    away_m = [np.linalg.norm(cells.centres_xy_m - place, axis=-1) for place in (one, other)]
+    assert cells.poa[away_m[0] < away_m[1]].sum() == pytest.approx(0.5, abs=0.03)
+
+
+@pytest.mark.parametrize("latitude", [0.0, 60.0, 80.0])
+def test_an_even_map_in_degrees_stays_even(tmp_path, latitude):
+    path = lon_lat_file(tmp_path, "npz", np.ones((50, 50)), (22.0, latitude, 22.05, latitude + 0.05))
+    inside = read_map(path).poa[3:-3, 3:-3]
+    assert inside == pytest.approx(np.full(inside.shape, inside.mean()), rel=0.01)
+
+
+@pytest.mark.parametrize(("west", "east"), [(179.95, -179.95), (179.95, 180.05), (190.0, 190.1)])
+def test_a_map_across_the_antimeridian_is_whole(tmp_path, west, east):
+    """From a GeoTIFF, from a NumPy file where degrees are within 180; heights, too."""
+    poa = np.ones((20, 20))
+    poa[15:, 15:] = 10.0
+    kinds = ["tif"] if max(west, east) > 180.0 else ["npz"]
+    for kind in kinds:
+        path = tmp_path / "map.npz"
+        if kind == "tif":
+            path = lon_lat_file(tmp_path, "tif", poa, (west, 60.0, east, 60.1))
+        else:
+            np.savez(path, poa=poa, bounds_lon_lat_deg=(west, 60.0, east, 60.1))
+        cells = read_map(path)
+        columns = cells.poa.shape[1]
+        assert cells.poa[:, columns // 2 :].sum() == pytest.approx(425.0 / 625.0, abs=0.02)
+        if kind == "tif":
+            inside = cells_of(np.ones((5, 5)), 100.0, (-250.0, -250.0), cells.frame)
+            assert read_heights(path, inside) == pytest.approx(np.ones((5, 5)))
+
+
+def test_a_table_across_the_antimeridian_is_whole(tmp_path):
+    lines = [f"{(179.99 + 0.001 * j + 180.0) % 360.0 - 180.0:.6f},{60.0 + 0.001 * i:.6f},1"
+             for i in range(9) for j in range(20)]  # fmt: skip
+    (tmp_path / "map.csv").write_text("\n".join(["lon,lat,poa", *lines]))
+    west, _, east, _ = read_map(tmp_path / "map.csv").bounds_m
+    assert east - west == pytest.approx(1113, rel=0.08)  # whole cells
+
+
+def test_a_geotiff_of_metres_that_is_called_degrees_is_refused(tmp_path):
+    pytest.importorskip("rasterio")
+    path = lon_lat_file(tmp_path, "tif", np.ones((3, 3)), (400_000.0, 6_650_000.0, 400_300.0, 6_650_300.0))
+    here = cells_of(np.ones((3, 3)))
+    for read in (lambda: read_map(path), lambda: read_map(path, FRAME), lambda: read_heights(path, here)):
+        with pytest.raises(UserError, match=r"map\.tif: is in WGS 84, but .* write the CRS that they are in"):
+            read()
+
+
+@pytest.mark.parametrize("decimals", [5, 6, 8])
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+def test_a_table_of_few_decimals_is_on_a_grid(tmp_path, decimals, mark):
+    """Cells of 10 m, of which 5 decimals are 1.1; and as a spreadsheet writes it."""
+    lines = [f"{22.0 + 0.00017986 * j:.{decimals}f},{60.0 + 0.00008983 * i:.{decimals}f},1"
+             for i in range(150) for j in range(150)]  # fmt: skip
+    (tmp_path / "map.csv").write_text("\n".join([f"{mark}lon,lat,poa", *lines]), encoding="utf-8")
+    cells = read_map(tmp_path / "map.csv")
+    assert cells.poa.shape == pytest.approx((150, 150), abs=1)
+    assert cells.cell_size_m == pytest.approx(10.0, rel=0.01)
+
+
 def test_a_geotiff_without_crs_is_refused(tmp_path):
     rasterio = pytest.importorskip("rasterio")
     path = tmp_path / "bare.tif"
@@ -221,6 +301,8 @@ def test_bad_numpy_maps_are_told_in_one_sentence(tmp_path, arrays, word):
     [
         ("", "no header"),
         ("x,y,p\n1,2,3", "no header"),
+        ("lon;lat;poa\n22,1;60,2;1", "has semicolons between its columns; write commas"),
+        ("lon\tlat\tpoa\n22.1\t60.2\t1", "has tabs between its columns; write commas"),
         ("lon,lat,poa\n", "holds no cells"),
         ("lon,lat,poa\n22.1,60.2,often", "line 2: write a number"),
         ("lon,lat,poa\n22.1,60.2,1\n22.2,60.2,1", "lat: is the same everywhere"),

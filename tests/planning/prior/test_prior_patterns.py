@@ -76,3 +76,10 @@ def test_a_sector_search_crosses_its_datum_three_times(heading, turn):
 def test_bad_patterns_are_told_in_one_sentence(call, word):
     with pytest.raises(UserError, match=word):
         call()
+
+
+def test_a_turn_is_to_the_left_or_to_the_right():
+    for pattern in (lambda: sector_search((0, 0), 100.0, 0.0, turn="Right"),
+                    lambda: expanding_square((0, 0), 100.0, 20.0, 0.0, turn="links")):  # fmt: skip
+        with pytest.raises(UserError, match=r"turn: is '(Right|links)'; write 'right' or 'left'"):
+            pattern()

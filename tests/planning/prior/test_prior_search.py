@@ -11,8 +11,9 @@ from skysweep.errors import UserError
 from skysweep.planning.prior import plan_search
 from skysweep.planning.prior.allocation import ideal_pos
 from skysweep.planning.prior.checks import way_to_map
-from skysweep.planning.prior.coverage import coverage_of
+from skysweep.planning.prior.coverage import beginning, coverage_of
 from skysweep.planning.prior.lattice import diagonal, lattice_over
+from skysweep.planning.prior.patterns import parallel_track
 
 CELL_M = 10.0
 ORIGIN = np.zeros(2)
@@ -246,6 +247,7 @@ def test_bad_input_is_told_in_one_sentence(changed, word):
     assert "\n" not in str(told.value)
 
 
+@settings(deadline=None)
 @given(st.integers(1, 9), st.integers(1, 9), st.integers(0, 1000))
 def test_a_diagonal_path_covers_both_cells_of_each_pair_alike(rows, columns, seed):
     rng = np.random.default_rng(seed)
@@ -257,6 +259,70 @@ def test_a_diagonal_path_covers_both_cells_of_each_pair_alike(rows, columns, see
         leg = place + 0.5 * pairs.pitch_m * np.outer([-1.0, 1.0], pairs.axes[rng.integers(2)])
         covered = coverage_of([leg], poa.shape, CELL_M, ORIGIN, CELL_M)
         assert np.sum(poa * covered) == pytest.approx(pairs.step * pairs.poa[tuple(node)])
+
+
+@pytest.mark.parametrize("n", [1, 3])
+@pytest.mark.parametrize("start", [(200.0, 300.0), (1500.0, 1500.0)])
+@pytest.mark.parametrize(("side", "width_m"), [(10, 30.0), (10, 100.0), (20, 60.0)])
+def test_a_square_among_zeros_is_searched_the_more_the_longer_the_budget(side, width_m, start, n):
+    """From beside it and from within; up to all of it."""
+    poa = np.pad(np.ones((side, side)), 75 - side // 2)
+    found = [pos_of(poa, plan_search(poa, 20.0, ORIGIN, start, b, width_m, n), width_m, cell_m=20.0)
+             for b in (8e3, 16e3, 40e3, 80e3)]  # fmt: skip
+    assert all(more >= 0.99 * less for less, more in pairwise(found)), found
+    assert found[0] > 0.2
+    assert found[-1] > 0.98
+
+
+@pytest.mark.parametrize(("sigma_m", "width_m"), [(100.0, 200.0), (30.0, 60.0)])
+def test_a_peak_that_is_smaller_than_a_sweep_is_found_from_far_away(sigma_m, width_m):
+    poa = gaussian(75.5, 75.5, sigma_m / 20.0, cells=150)
+    for start in ((200.0, 300.0), (1510.0, 1510.0)):
+        paths = plan_search(poa, 20.0, ORIGIN, start, 20e3, width_m, 1)
+        assert pos_of(poa, paths, width_m, cell_m=20.0) > 0.97
+
+
+@pytest.mark.parametrize("width_m", [30.0, 50.0, 100.0, 200.0])
+def test_one_bright_cell_is_searched_as_well_as_by_legs_back_and_forth_over_it(width_m):
+    poa = np.zeros((21, 21))
+    poa[10, 10] = 1.0
+    legs = 40.0 * np.array([[0, 0], *([[-1, 0], [1, 0]] * 12)]) + 1050.0
+    by_hand = pos_of(poa, [legs], width_m, cell_m=100.0)
+    paths = plan_search(poa, 100.0, ORIGIN, (1050.0, 1050.0), 2e3, width_m, 1)
+    assert pos_of(poa, paths, width_m, cell_m=100.0) >= 0.99 * by_hand
+    two = poa + np.roll(poa, 5, axis=1)
+    paths = plan_search(two, 100.0, ORIGIN, (1300.0, 1050.0), 6e3, width_m, 2)
+    assert pos_of(two, paths, width_m, cell_m=100.0) > 0.97
+
+
+@pytest.mark.parametrize(("rows", "columns", "width_m"), [(36, 56, 50.0), (24, 47, 30.0), (40, 40, 20.0)])
+def test_an_even_map_is_searched_as_well_as_by_parallel_tracks(rows, columns, width_m):
+    """Legs along the longer side, of the spacing that finds most within one whole coverage."""
+    poa, (long, short) = np.ones((rows, columns)), (10.0 * columns, 10.0 * rows)
+    budget_m, best = long * short / width_m, 0.0
+    for spacing in np.linspace(width_m / 2.0, 3.0 * width_m, 40):
+        track = parallel_track((long / 2, short / 2), long, short, spacing, 90.0)
+        path = beginning(np.concatenate([[(5.0, 5.0)], track]), budget_m)
+        best = max(best, pos_of(poa, [path], width_m))
+    (path,) = plan_search(poa, 10.0, ORIGIN, (5.0, 5.0), budget_m, width_m, 1)
+    assert length(path) <= budget_m
+    assert pos_of(poa, [path], width_m) >= 0.98 * best
+
+
+@settings(max_examples=10, deadline=None)
+@given(searches(), st.integers(0, 30), st.integers(0, 30))
+def test_zeros_around_a_map_change_nothing(search, below, beside):
+    poa, cell_m, origin, start, budget_m, width_m, n = search
+    wider = np.pad(poa, ((below, 3), (beside, 5)))
+    try:
+        here = plan_search(poa, cell_m, origin, start, budget_m, width_m, n)
+    except UserError:
+        return
+    there = plan_search(
+        wider, cell_m, origin - cell_m * np.array([beside, below]), start, budget_m, width_m, n
+    )
+    found = [pos_of(poa, paths, width_m, cell_m=cell_m) for paths in (here, there)]
+    assert found[1] == pytest.approx(found[0], rel=0.05, abs=0.01)
 
 
 @pytest.mark.parametrize("n", [1, 3])

@@ -61,3 +61,11 @@ def add_lengths(lengths: F64, path: F64, aside: float) -> None:
 def length_of(path_xy_m: F64) -> float:
     """Metres along a path (K, 2)."""
     return float(np.linalg.norm(np.diff(path_xy_m, axis=0), axis=1).sum())
+
+
+def beginning(path_xy_m: F64, length_m: float) -> F64:
+    """The first metres of a path (K, 2)."""
+    along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path_xy_m, axis=0), axis=1)))
+    kept = path_xy_m[: np.searchsorted(along, length_m, side="right")]
+    end = [np.interp(length_m, along, path_xy_m[:, axis]) for axis in (0, 1)]
+    return np.concatenate([kept, [end]])

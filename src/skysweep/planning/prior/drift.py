@@ -85,6 +85,13 @@ def map_of_particles(cells: ProbabilityMap, particles_xy_m: F64, smooth_m: float
     return cells.with_poa(checked_poa(counts, "particles"))
 
 
+def share_on(cells: ProbabilityMap, particles_xy_m: F64) -> float:
+    """How many of the particles (P, 2) are within a map's bounds, as a share."""
+    west, south, east, north = cells.bounds_m
+    inside = (particles_xy_m >= [west, south]) & (particles_xy_m <= [east, north])
+    return float(inside.all(axis=1).mean())
+
+
 def _steps(values: ArrayLike, field: str) -> F64:
     steps = np.atleast_2d(np.asarray(values, dtype=float))
     if steps.ndim != 2 or steps.shape[1] != 2 or not len(steps) or not np.isfinite(steps).all():

@@ -32,7 +32,11 @@ def go_where_it_pays(paths: Paths, worth_per_m: float) -> None:
 
 
 def _parts(paths: Paths, worth_per_m: float) -> tuple[F64, NDArray[np.int32]]:
-    """Parts of the map that are worth visits: what each finds beyond its cost, and their labels (R, C)."""
+    """Parts of the map that are worth visits: what each finds beyond its cost, and their labels (R, C).
+
+    Cells that are close to each other belong together; only those that are worth a visit themselves have a
+    label.
+    """
     field = paths.lattice
     cost = worth_per_m * field.pitch_m
     left = field.poa * np.exp(-paths.coverage)
@@ -43,7 +47,8 @@ def _parts(paths: Paths, worth_per_m: float) -> tuple[F64, NDArray[np.int32]]:
     log_worth = np.log(left * share / cost, where=left > 0.0, out=np.full(left.shape, -1.0))
     visits = np.maximum(np.floor(log_worth / field.step) + 1.0, 0.0)
     net = left * -np.expm1(-visits * field.step) - cost * visits
-    return np.atleast_1d(ndimage.sum_labels(net, labels, index)), labels
+    pays = visits > 0.0
+    return np.atleast_1d(ndimage.sum_labels(net, labels, index)), np.where(pays, labels, 0)
 
 
 @dataclass(frozen=True)
@@ -98,9 +103,7 @@ def _go_to(
 def _insert(paths: Paths, visit: int, node: I64) -> None:
     """Fly to a node after a visit, and from the one beside it on to where the path led."""
     field, after, first = paths.lattice, int(paths.following[visit]), paths.count
-    beside, axis = node.copy(), int(field.poa.shape[1] > 1)
-    beside[axis] += 1 if node[axis] + 1 < field.poa.shape[axis] else -min(node[axis], 1)
-    new = [node] if after < 0 else [node, beside]
+    new = [node] if after < 0 else [node, _beside(paths, node)]
     paths.count += len(new)
     paths.nodes[first : paths.count] = new
     paths.owner[first : paths.count] = paths.owner[visit]
@@ -112,3 +115,12 @@ def _insert(paths: Paths, visit: int, node: I64) -> None:
     paths.left_m[paths.owner[visit]] -= length_of(leads) - length_of(led)
     field.add_coverage(paths.coverage, leads)
     field.add_coverage(paths.coverage, led, -1.0)
+
+
+def _beside(paths: Paths, node: I64) -> I64:
+    """The first node next to one where half as much is left to find, or where most is."""
+    left = paths.lattice.poa * np.exp(-paths.coverage)
+    near = node + np.array([[0, 1], [0, -1], [1, 0], [-1, 0]])
+    on_map = near[((near >= 0) & (near < left.shape)).all(axis=1)]
+    enough = np.minimum(left[tuple(on_map.T)], left[tuple(node)] / 2.0)
+    return np.asarray(on_map[np.argmax(enough)] if len(on_map) else node)

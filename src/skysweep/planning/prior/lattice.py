@@ -9,10 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skysweep.arrays import F64
+from skysweep.planning.prior.allocation import ideal_coverage
 from skysweep.planning.prior.coverage import add_lengths
 
 MAX_NODES = 40_000  # on all paths together
 WIDEST = 4.0  # cells, in sweeps: a wider one is cut, so that passes over it lie beside each other
+ENOUGH_CELLS = 16.0  # that what is found lies in; fewer are cut
+MOST_CELLS = 1_000_000  # after which none is cut
 
 
 @dataclass(frozen=True)
@@ -37,17 +40,34 @@ class Lattice:
 
 
 def lattice_over(
-    poa: F64, cell_size_m: float, origin_xy_m: F64, sweep_width_m: float, length_m: float
+    poa: F64, cell_size_m: float, origin_xy_m: F64, sweep_width_m: float, length_m: float, cuts: int = 1
 ) -> Lattice:
-    """The lattice for sweeps of a width over a map (R, C), coarse enough for paths ``length_m`` long."""
+    """The lattice for sweeps of a width over a map (R, C), coarse enough for paths ``length_m`` long.
+
+    Each side of its cells may be cut into several.
+    """
     finest_m = max(sweep_width_m, length_m / MAX_NODES)
-    pitch_m = max(finest_m, cell_size_m / math.ceil(cell_size_m / (WIDEST * finest_m)))
+    pitch_m = max(finest_m, cell_size_m / math.ceil(cell_size_m / (WIDEST * finest_m))) / cuts
     step = sweep_width_m / pitch_m
     if pitch_m == cell_size_m:
         return Lattice(poa, pitch_m, origin_xy_m, step)
-    rows, south = _shares(poa.shape[0], cell_size_m, pitch_m)
-    columns, west = _shares(poa.shape[1], cell_size_m, pitch_m)
-    return Lattice(rows @ poa @ columns.T, pitch_m, origin_xy_m + np.array([west, south]), step)
+    cells, corner = joined(poa, cell_size_m, pitch_m)
+    return Lattice(cells, pitch_m, origin_xy_m + corner, step)
+
+
+def cuts_for(lattice: Lattice, length_m: float) -> int:
+    """Into how many parts sides are cut for what is found to lie in enough cells to search between them."""
+    found = lattice.poa * -np.expm1(-ideal_coverage(lattice.poa, length_m / lattice.pitch_m * lattice.step))
+    cells = found.sum() ** 2 / np.sum(found**2)  # so many equal ones would hold it
+    cuts = max(1, math.ceil(math.sqrt(ENOUGH_CELLS / cells) - 1e-9))
+    return cuts if cuts**2 * lattice.poa.size <= MOST_CELLS else 1
+
+
+def joined(poa: F64, cell_size_m: float, other_m: float) -> tuple[F64, F64]:
+    """A map (R, C) on cells of another size, centred over it, and their corner (2,) from the map's."""
+    rows, south = _shares(poa.shape[0], cell_size_m, other_m)
+    columns, west = _shares(poa.shape[1], cell_size_m, other_m)
+    return rows @ poa @ columns.T, np.array([west, south])
 
 
 def diagonal(lattice: Lattice) -> Lattice:

@@ -61,9 +61,16 @@ def around_last_known_position(
 ) -> ProbabilityMap:
     """The map of a person lost at a place (2,): equally dense within each ring between two distances.
 
-    ``cells`` gives the cells; what lies beyond them is left out. Raises UserError where distances do not
-    rise, or no cell is within them.
+    ``cells`` gives the cells; what lies beyond them is left out (``with_share`` tells how much). Raises
+    UserError where distances do not rise, or no cell is within them.
     """
+    return with_share(cells, position_xy_m, distances)[0]
+
+
+def with_share(
+    cells: ProbabilityMap, position_xy_m: ArrayLike, distances: Distances
+) -> tuple[ProbabilityMap, float]:
+    """The same map, and the probability that the person is on it at all."""
     centre, rings = place(position_xy_m, "position_xy_m"), np.array(distances.within_m, dtype=float)
     if rings.shape != (len(SHARES),) or not (np.diff(rings, prepend=0.0) > 0.0).all():
         raise UserError("within_m: write four rising distances in metres, for 25, 50, 75 and 95 %")
@@ -79,4 +86,5 @@ def around_last_known_position(
         raise UserError(
             "position_xy_m: lies farther from the map than anybody is found; check it, or make the map there"
         )
-    return cells.with_poa(checked_poa(poa))
+    share = min(1.0, float(poa.sum()) * (cells.cell_size_m / _SAMPLES) ** 2)
+    return cells.with_poa(checked_poa(poa)), share

@@ -33,6 +33,7 @@ from skysweep.worlds.elevation import HEIGHTS_M, metres_told
 MAX_MAP_BYTES = 200_000_000
 _COLUMNS = ("lon", "lat", "poa")
 _UNEVEN = 0.01  # of a cell, by which a CSV's places may be off the grid
+_MOST_ROUNDED = 0.2  # of a cell, by which they may be off besides, where few decimals are written
 
 
 def read_map(path: str | Path, frame: LocalFrame | None = None) -> ProbabilityMap:
@@ -89,6 +90,8 @@ def _read_npz(path: Path) -> Raster | ProbabilityMap:
     if "bounds_lon_lat_deg" in arrays:
         west, south, east, north = _numbers(arrays, "bounds_lon_lat_deg", 4)
         _check_degrees(np.array([west, east]), np.array([south, north]), "bounds_lon_lat_deg")
+        if west > east + 180.0:  # across the antimeridian
+            east += 360.0
         if not (west < east and south < north):
             raise UserError("bounds_lon_lat_deg: are not in order; write west, south, east, north")
         rows, columns = poa.shape
@@ -116,11 +119,17 @@ def _numbers(arrays: dict[str, NDArray[Any]], name: str, count: int) -> list[flo
 
 def _read_csv(path: Path) -> Raster:
     try:
-        lines = list(csv.reader(read_text_limited(path, MAX_MAP_BYTES).splitlines()))
+        text = read_text_limited(path, MAX_MAP_BYTES).removeprefix("\ufeff")
+        lines = list(csv.reader(text.splitlines()))
     except csv.Error as error:  # a NUL on Python 3.10, a field without end
         raise UserError(f"is no CSV file ({error}); write one with the header lon,lat,poa") from None
     header = [name.strip().lower() for name in lines[0]] if lines else []
     if any(name not in header for name in _COLUMNS):
+        for separator, name in ((";", "semicolons"), ("\t", "tabs")):
+            if len(header) == 1 and separator in header[0]:
+                raise UserError(
+                    f"line 1: has {name} between its columns; write commas, and points in numbers"
+                )
         raise UserError(f"line 1: is no header with {', '.join(_COLUMNS)}; write one")
     order = [header.index(name) for name in _COLUMNS]
     values = []
@@ -134,7 +143,11 @@ def _read_csv(path: Path) -> Raster:
         raise UserError("holds no cells; write a line with lon,lat,poa for each")
     table = np.array(values)
     _check_degrees(table[:, 0], table[:, 1], "lon, lat")
-    (x0, dx, columns), (y0, dy, rows) = _grid_of(table[:, 0], "lon"), _grid_of(table[:, 1], "lat")
+    if np.ptp(table[:, 0]) > 180.0:  # across the antimeridian
+        table[:, 0] %= 360.0
+    rounding = [_rounding([line[order[k]] for line in lines[1:] if line]) for k in (0, 1)]
+    x0, dx, columns = _grid_of(table[:, 0], "lon", rounding[0])
+    y0, dy, rows = _grid_of(table[:, 1], "lat", rounding[1])
     if rows * columns > MAX_CELLS:
         raise UserError(f"spans {rows * columns:,} cells; write at most {MAX_CELLS:,}, larger ones")
     i, j = np.floor((table[:, 1] - y0) / dy).astype(int), np.floor((table[:, 0] - x0) / dx).astype(int)
@@ -145,19 +158,24 @@ def _read_csv(path: Path) -> Raster:
     return Raster(poa, x0, y0, dx, dy, _wgs84())
 
 
-def _grid_of(middles: F64, column: str) -> tuple[float, float, int]:
+def _rounding(numbers: list[str]) -> float:
+    """By how much decimals may be off: half a unit of the last place that is written."""
+    return 0.5 * 10.0 ** -max(len(number.strip().partition(".")[2]) for number in numbers)
+
+
+def _grid_of(middles: F64, column: str, rounding: float) -> tuple[float, float, int]:
     """Where cells begin along one axis, how wide they are, and how many."""
     places = np.unique(middles)
     gaps = np.diff(places)
     if not len(gaps):
         raise UserError(f"{column}: is the same everywhere; write at least two rows and two columns of cells")
-    wide = float(gaps.min())
+    wide = float(gaps[gaps < 1.5 * gaps.min()].mean())  # one alone may be rounded
     count = round(float(places[-1] - places[0]) / wide) + 1
     if count > MAX_CELLS:
         raise UserError(f"{column}: is on no grid; write the middles of cells of one size")
     wide = float(places[-1] - places[0]) / (count - 1)
     steps = (places - places[0]) / wide
-    if np.abs(steps - np.round(steps)).max() > _UNEVEN:
+    if np.abs(steps - np.round(steps)).max() > _UNEVEN + min(2.0 * rounding / wide, _MOST_ROUNDED):
         raise UserError(f"{column}: is on no grid; write the middles of cells of one size")
     return float(places[0]) - wide / 2.0, wide, count
 

@@ -71,11 +71,11 @@ class ProbabilityMap:
         """Probability that a search finds the target that covers the cells (R, C) so well."""
         return float(np.sum(self.poa * -np.expm1(-coverage)))
 
-    def share_within(self, area: shapely.Polygon) -> float:
+    def share_within(self, area: shapely.Geometry) -> float:
         """Probability that the target is in an area, by the middles of the cells."""
         return float(self.poa[self._inside(area)].sum())
 
-    def within(self, area: shapely.Polygon) -> ProbabilityMap:
+    def within(self, area: shapely.Geometry) -> ProbabilityMap:
         """The map where the target is in an area. Raises UserError where they do not overlap."""
         inside = self._inside(area)
         if not self.poa[inside].any():
@@ -84,7 +84,7 @@ class ProbabilityMap:
             )
         return self.times(inside)
 
-    def _inside(self, area: shapely.Polygon) -> NDArray[np.bool_]:
+    def _inside(self, area: shapely.Geometry) -> NDArray[np.bool_]:
         x, y = np.moveaxis(self.centres_xy_m, -1, 0)
         return np.asarray(shapely.contains_xy(area, x, y))
 

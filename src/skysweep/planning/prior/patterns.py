@@ -54,14 +54,13 @@ def expanding_square(
 ) -> F64:
     """Expanding square search (SS): legs of 1, 1, 2, 2, 3, 3 ... spacings, until they reach the radius.
 
-    Raises UserError where a number is none above 0, or there are too many legs.
+    Raises UserError where a number is none above 0, there are too many legs, or the turn is another word.
     """
     spacing, radius = positive(spacing_m, "spacing_m"), positive(radius_m, "radius_m")
-    legs = 4 * math.ceil(radius / spacing)
+    side, legs = _side(turn), 4 * math.ceil(radius / spacing)
     _refuse_many(legs)
     lengths = spacing * (1 + np.arange(legs) // 2)
     quarter = np.arange(legs) % 4
-    side = 1.0 if turn == "right" else -1.0
     steps = np.column_stack([side * lengths * np.array([0, 1, 0, -1])[quarter],
                              lengths * np.array([1, 0, -1, 0])[quarter]])  # fmt: skip
     path = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
@@ -72,9 +71,9 @@ def sector_search(datum_xy_m: ArrayLike, radius_m: float, heading_deg: float, tu
     """Sector search (VS): three equilateral triangles through the datum, each leg as long as the radius.
 
     Turns are of 120 degrees; none at the datum, where the path ends. Raises UserError where the radius is
-    none above 0.
+    none above 0, or the turn is another word.
     """
-    radius, side = positive(radius_m, "radius_m"), 1.0 if turn == "right" else -1.0
+    radius, side = positive(radius_m, "radius_m"), _side(turn)
     legs = 3 * _SECTORS
     turns = np.array([0.0 if leg % 3 == 0 else 120.0 for leg in range(legs)])
     angles = np.radians(side * np.cumsum(turns))
@@ -91,18 +90,28 @@ def _legs(
     spacing = positive(spacing_m, "spacing_m")
     count = math.ceil(across / spacing - 1e-9)
     _refuse_many(count)
-    apart = across / count
-    x = -across / 2.0 + apart * (np.arange(count) + 0.5)
-    half = max(along / 2.0 - apart / 2.0, 0.0)
+    return place(centre_xy_m, "centre_xy_m") + legs_over(along, across, count) @ _axes(heading_deg)
+
+
+def legs_over(along_m: float, across_m: float, count: int) -> F64:
+    """So many legs (K, 2) north and south in a rectangle about 0, 0; the first goes north, in the west."""
+    apart = across_m / count
+    x = -across_m / 2.0 + apart * (np.arange(count) + 0.5)
+    half = max(along_m / 2.0 - apart / 2.0, 0.0)
     ends = np.array([[-half, half], [half, -half]])[np.arange(count) % 2]
-    path = np.column_stack([np.repeat(x, 2), ends.ravel()])
-    return place(centre_xy_m, "centre_xy_m") + path @ _axes(heading_deg)
+    return np.column_stack([np.repeat(x, 2), ends.ravel()])
 
 
 def _axes(heading_deg: float) -> F64:
     """Rows: the directions to the right of a heading and along it."""
     along, left = heading_axes(heading_deg)
     return np.array([-left, along])
+
+
+def _side(turn: Turn) -> float:
+    if turn not in ("right", "left"):
+        raise UserError(f"turn: is {turn!r}; write 'right' or 'left'")
+    return 1.0 if turn == "right" else -1.0
 
 
 def _refuse_many(legs: int) -> None:

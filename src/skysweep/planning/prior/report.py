@@ -10,7 +10,7 @@ import numpy as np
 from skysweep.arrays import F64
 from skysweep.planning.prior.allocation import ideal_pos, ideal_pos_definite
 from skysweep.planning.prior.checks import way_to_map
-from skysweep.planning.prior.coverage import coverage_of, length_of
+from skysweep.planning.prior.coverage import beginning, coverage_of, length_of
 from skysweep.planning.prior.maps import ProbabilityMap
 
 _POINTS = 20  # of the curve
@@ -32,7 +32,8 @@ def expected_pos(cells: ProbabilityMap, paths_xy_m: Sequence[F64], sweep_width_m
     """What paths (K, 2) each may be expected to find, flown together, each by the same share."""
     lengths = np.array([length_of(path) for path in paths_xy_m])
     shares = np.linspace(0.0, 1.0, _POINTS + 1)
-    way_m = sum(way_to_map(cells.poa, cells.cell_size_m, cells.origin_xy_m, path[0]) for path in paths_xy_m)
+    ways_m = [way_to_map(cells.poa, cells.cell_size_m, cells.origin_xy_m, path[0]) for path in paths_xy_m]
+    way_m = sum(max(way - sweep_width_m / 2.0, 0.0) for way in ways_m)  # beside a path it sees as far
     effort_per_m = sweep_width_m / cells.cell_size_m**2
     flown = shares * lengths.sum()
     coverages = [
@@ -56,11 +57,3 @@ def expected_pos(cells: ProbabilityMap, paths_xy_m: Sequence[F64], sweep_width_m
         definite_pos=float(np.sum(cells.poa * np.minimum(coverages[-1], 1.0))),
         definite_bound=ideal_pos_definite(cells.poa, float(flown[-1]) * effort_per_m),
     )
-
-
-def beginning(path_xy_m: F64, length_m: float) -> F64:
-    """The first metres of a path (K, 2)."""
-    along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path_xy_m, axis=0), axis=1)))
-    kept = path_xy_m[: np.searchsorted(along, length_m, side="right")]
-    end = [np.interp(length_m, along, path_xy_m[:, axis]) for axis in (0, 1)]
-    return np.concatenate([kept, [end]])

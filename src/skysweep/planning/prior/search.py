@@ -20,15 +20,16 @@ from skysweep.planning.prior.allocation import ideal_coverage, least_worth
 from skysweep.planning.prior.checks import checked_poa, place, positive, uavs, way_to_map
 from skysweep.planning.prior.coverage import coverage_of
 from skysweep.planning.prior.excursions import go_where_it_pays
+from skysweep.planning.prior.fitted import best_pattern
 from skysweep.planning.prior.growth import Paths
-from skysweep.planning.prior.lattice import Lattice, diagonal, lattice_over
+from skysweep.planning.prior.lattice import Lattice, cuts_for, diagonal, lattice_over
 from skysweep.planning.prior.sharing import shared_out
 from skysweep.planning.prior.shortcuts import take_shortcuts
 
 ENOUGH_COVERAGE = 12.0  # of every cell: there is nothing left to find
 _PRICES = (1.0, 1.4)  # of a metre to begin with, in those of the ideal allocation's last one
 _MANY_VISITS = 8000  # with which one of them does
-_FEW_VISITS = 2500  # with which going over cells half as well is tried too
+_FEW_VISITS = 2500  # with which going over cells half as well, and patterns, are tried too
 _REVISIONS = 3
 _DEARER = 1.25  # the price in a revision
 _CHEAPER = 0.85  # the price from round to round, while there is budget left
@@ -88,12 +89,16 @@ def plan_search(
             f"at least {n * least_m:g}"
         )
     p *= 1.0 + _TIES * np.random.default_rng(seed).random(p.shape)
-    enough_m = ENOUGH_COVERAGE * p.size * cell_m**2 / width_m + way_m
-    each_m = min(each_m, enough_m)
+    p, corner = _without_border(p)
+    origin = origin + cell_m * corner
+    enough_m = ENOUGH_COVERAGE * np.prod(cell_m * np.array(p.shape) + width_m) / width_m + way_m
+    each_m = min(each_m, float(enough_m))
     lattice = lattice_over(p, cell_m, np.zeros(2), width_m, n * each_m)
     visits = n * each_m / lattice.pitch_m
     prices = _PRICES if visits < _MANY_VISITS else _PRICES[:1]
-    lattices = [lattice]
+    lattices, cuts = [lattice], cuts_for(lattice, n * each_m)
+    if cuts > 1:
+        lattices.append(lattice_over(p, cell_m, np.zeros(2), width_m, n * each_m, cuts))
     if visits < _FEW_VISITS and cell_m / math.sqrt(2.0) <= width_m <= cell_m:  # it still sees the middles
         lattices.append(diagonal(lattice))
     steps = len(lattices) * len(prices) * min(n, 2) * (1 + _REVISIONS)
@@ -103,10 +108,18 @@ def plan_search(
         for nodes in lattices
         for price in prices
     ]
+    if visits < _FEW_VISITS:
+        plans += best_pattern(p, cell_m, start - origin, each_m, n, width_m)
     found = [
         np.sum(p * -np.expm1(-coverage_of(plan, p.shape, cell_m, np.zeros(2), width_m))) for plan in plans
     ]
     return [origin + path for path in plans[int(np.argmax(found))]]
+
+
+def _without_border(poa: F64) -> tuple[F64, F64]:
+    """A map without the rows and columns around it that hold nothing, and its column and row 0 there."""
+    rows, columns = np.flatnonzero(poa.any(axis=1)), np.flatnonzero(poa.any(axis=0))
+    return poa[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1], np.array([columns[0], rows[0]])
 
 
 def _flown(paths: Paths, each_m: float) -> list[F64]:
