@@ -41,7 +41,7 @@ NOT_RUN = {
     "Takes an hour": 4,
     "Takes half an hour": 2,
     "Takes hours": 3,
-    "Takes minutes": 5,
+    "Takes minutes": 6,
     "Takes minutes to hours": 1,
 }
 
