@@ -10,6 +10,7 @@ from skysweep.errors import UserError
 from skysweep.flights.build import build_mission
 from skysweep.flights.rig import Rig
 from skysweep.geometry.camera import CameraPose
+from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.mission.energy import ReturnEnergy
 from skysweep.mission.fence import Fence
 from skysweep.mission.journal import MemoryJournal
@@ -30,7 +31,7 @@ def scenario(**changes):
 
 def state(t=100.0, x=0.0, y=0.0, z=30.0, v=(0.0, 0.0, 0.0), **changes):
     position = np.array([x, y, z])
-    pose = CameraPose(position, np.eye(3))
+    pose = CameraPose(position, rotation_camera_to_enu(0.0, -math.pi / 2))
     plain = VehicleState(t, position, np.array(v), np.eye(3), pose, 0.9, 10.0, True)
     return plain._replace(**changes)
 

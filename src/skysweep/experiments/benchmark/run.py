@@ -47,7 +47,8 @@ def fly_benchmark_job(job: MissionJob, target_px: float) -> Summary:
             spec = oracle_spec(job.scenario, job.seed, close_look_m(job.scenario, target_px))
         return fly_in_memory(job.scenario, job.seed, job.sensor, spec)
     except Exception as error:
-        reason = " ".join(str(error).split())
+        reason = " ".join(str(error).split()).removeprefix(f"search.strategy: {strategy}: ")
+        reason = reason.removesuffix("; mend it")
         kind = "" if isinstance(error, UserError) else f"{type(error).__name__}: "
         raise UserError(
             f"{strategy}: fails in {job.label} with seed {job.seed} ({kind}{reason}); mend it, then give the "
