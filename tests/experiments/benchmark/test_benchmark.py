@@ -142,8 +142,8 @@ def test_a_strategy_that_fails_ends_it_with_family_and_seed(in_folder):
     result = command("--quick", "--strategy", "broken:Broken", "--out", "broken", "--workers", "1")
     assert result.exit_code == 2, result.output
     sentence = (
-        "error: broken:Broken: fails in clusters with seed 100 (step raises KeyError: 'left' at broken.py:3); "
-        "mend it, then give"
+        "error: broken:Broken: fails in clusters with seed 100 "
+        "(step raises KeyError: 'left' at broken.py:3); mend it, then give"
     )
     assert sentence in " ".join(result.stderr.split())
 
