@@ -236,12 +236,16 @@ class _View:
 
     def inside(self, pose: CameraPose) -> list[int]:
         """The objects whose middle is in the picture."""
-        pixels, depths_m = project(self._lens, pose, self._places)
-        inside = (depths_m > 0.1) & ((pixels >= 0.0) & (pixels < self._size_px)).all(axis=1)
-        return np.flatnonzero(inside).tolist()
+        return np.flatnonzero(self._are_inside(*project(self._lens, pose, self._places))).tolist()
+
+    def _are_inside(self, pixels: F64, depths_m: F64) -> NDArray[np.bool_]:
+        return (depths_m > 0.1) & ((pixels >= 0.0) & (pixels < self._size_px)).all(axis=1)
 
     def assigned(self, pose: CameraPose, found: Detections, with_strays: bool = True) -> list[Key]:
-        """What is reported as what: a thing once as each class, ground and trees with every report."""
+        """What is reported as what: a thing once as each class, ground and trees with every report.
+
+        Reports of things that are not ``inside`` are left out.
+        """
         if not len(found.boxes_xyxy_px):
             return []
         middles = (found.boxes_xyxy_px[:, :2] + found.boxes_xyxy_px[:, 2:]) / 2.0
@@ -254,7 +258,8 @@ class _View:
             for k, name in enumerate(found.class_names)
             if near[k].any()
         }
-        keys: list[Key] = [(self.things[i], name) for i, name in of_things]
+        inside = self._are_inside(pixels, depths_m)
+        keys: list[Key] = [(self.things[i], name) for i, name in of_things if inside[i]]
         strays = np.flatnonzero(~near.any(axis=1))
         if with_strays and len(strays):
             _, on_tree = self._crowns.found(pose, middles[strays])
