@@ -387,6 +387,20 @@ def test_the_camera_of_a_vehicle_that_somebody_flies_is_left_alone():
     assert not of_the_camera & set(link.orders)
 
 
+def test_a_pilot_who_flies_may_turn_the_camera():
+    there = in_offboard()
+    there.sticks(moving=False)
+    there.wait(0.3)
+    there.command(m.MAV_CMD_DO_SET_MODE, 1, *POSITION)
+    there.wait(1.0)
+    assert there.vehicle.state().taken_over
+    there.sky.face.payload._look(0.2)
+    there.vehicle.link.orders.clear()
+    there.wait(4.0)
+    assert there.vehicle.telemetry.gimbal_is_off
+    assert m.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW not in there.vehicle.link.orders
+
+
 def test_two_vehicles_of_one_system_id_are_not_flown_together():
     there = LookAlike(5)
     link = there.vehicle.link

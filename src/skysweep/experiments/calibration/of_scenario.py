@@ -173,13 +173,13 @@ def look_around(job: WorldJob) -> Tally:
     for thing in (GROUND, TREE):
         tally.looks[thing] = tally.objects[thing] = job.n_pictures
     for number, shift in enumerate(SHIFTS):
+        with_strays = number == _AS_IT_IS
         shifted = _adapted(job.model, Fitted(dict.fromkeys(map(_key, job.model.kinds), shift), {}))
         for k in range(_SENSORS):
             sensor = PosedSensor(scenario, view.world, shifted, world_seed + 1_000_000 * (k + 1))
             for pose, velocity in looks:
                 for _ in range(_DRAWS):
                     found = sensor.detect(pose, velocity)
-                    with_strays = number == _AS_IT_IS
                     tally.drawn.update((key, number) for key in view.assigned(pose, found, with_strays))
     return tally
 

@@ -376,8 +376,10 @@ class Px4Vehicle:
     # ---- orders --------------------------------------------------------------------------------------
 
     def _point_again(self) -> None:
-        """Points the gimbal anew, and asks for control again where nobody has it."""
-        if self._has_gimbal and self.gimbal_obeys == (0, 0) and not self.authority.lost():
+        """Points the gimbal anew, and asks for control where nobody has it; not while somebody else flies."""
+        if not self._has_gimbal or self.authority.lost():
+            return
+        if self.gimbal_obeys == (0, 0):
             take = m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE
             self.link.command(take, *self.link.own_ids, _LEAVE, _LEAVE)
         self.look(self.telemetry.gimbal_pitch_rad)
