@@ -401,6 +401,20 @@ def test_a_pilot_who_flies_may_turn_the_camera():
     assert m.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW not in there.vehicle.link.orders
 
 
+def test_a_simulator_that_was_paused_is_heard_when_it_runs():
+    there = LookAlike(5)
+    link, told = there.vehicle.link, there.vehicle.telemetry
+    now_s, paused_s = link.now_s, [0.0]
+    link.now_s = lambda: now_s() + paused_s[0]
+    there.wait(2.0)
+    paused_s[0] = 600.0
+    there.wait(1.0)
+    ended_s = told.silence.until_s
+    assert ended_s > 600.0
+    there.wait(3.0)
+    assert told.silence.until_s == ended_s
+
+
 def test_two_vehicles_of_one_system_id_are_not_flown_together():
     there = LookAlike(5)
     link = there.vehicle.link

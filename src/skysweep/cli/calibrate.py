@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 app = typer.Typer()
 
 LEAST_PICTURES, MOST_PICTURES = 10, 1_000_000  # to render
+_OF_A_FOLDER = ("rendered", "poses", "tiles", "boxes", "pixels", "channels", "renames")
 ON_RENDERS, ON_SCENARIO = 27_000, 800  # unless asked for others
 FIRST_LOOK = 6000  # pictures below which a fit is rough
 
@@ -132,11 +133,10 @@ def calibrate(
 
     _refuse_unwritable(out)
     if scenario is not None:
-        counting_elsewhere = ("detector", "camera", "add_to", "rendered", "poses", "tiles")
         _refuse_given(
             context,
-            (*counting_elsewhere, "boxes", "pixels", "channels", "renames"),
-            "is the scenario's; leave it out",
+            ("detector", "camera", "add_to", *_OF_A_FOLDER),
+            "does not count with --scenario; leave it out",
         )
         _calibrate_on_scenario(scenario, _number(pictures or str(ON_SCENARIO)), seed, workers, out, as_json)
         return
@@ -159,11 +159,7 @@ def calibrate(
                 looked_at_with, Path(pictures), parse_renames(renames or []), rendered, poses, out, as_json
             )
         return
-    _refuse_given(
-        context,
-        ("rendered", "poses", "tiles", "boxes", "pixels", "channels", "renames"),
-        "counts with real pictures only; write their folder as --pictures",
-    )
+    _refuse_given(context, _OF_A_FOLDER, "counts with real pictures only; write their folder as --pictures")
     n = _number(pictures)
     known = None if add_to is None else StatisticalModel.load(add_to)
     seeing = load_scenario(camera).camera

@@ -28,7 +28,7 @@ _UNSAID_S = 10.0  # of telemetry without a battery message
 _RANGE_UNSAID_S = 1.0
 _LONGEST_STEP_S = 1.0  # between two positions; longer is a silence of the whole vehicle
 _LAWLESS_MPS = 100.0  # faster than any multicopter: a broken message
-_PACE_S, _SLOWEST = 1.0, 0.01  # of telemetry that tells the pace of the vehicle's clock, and its least
+_PACE_S = 1.0  # of telemetry that tells the pace of the vehicle's clock
 _STAMPS = 64  # of the newest positions: the same message may come over two ways
 _ALTERNATIONS, _ALTERNATING_S = 10, 5.0  # of two clocks, on the wall: more than a network's disorder
 _MODE_NAMES = {
@@ -58,11 +58,10 @@ class Battery:
 
 
 class Silence(NamedTuple):
-    """A time without positions, or in which this program did not run, by the link's clock."""
+    """A time without positions, or in which this program did not run."""
 
-    since_s: float
-    until_s: float
-    over_boot_s: float  # the vehicle's clock when it ended: what is told from before that is old
+    until_s: float  # by the link's clock
+    over_boot_s: float  # the vehicle's clock then: what is told from before that is old
 
 
 class Telemetry:
@@ -83,13 +82,11 @@ class Telemetry:
         self.R_body_to_enu = np.eye(3)
         self.has_position = self.has_attitude = False
         self.restarted = False
-        self.silence = Silence(-math.inf, -math.inf, -math.inf)  # the last one that has ended
+        self.silence = Silence(-math.inf, -math.inf)  # the last one that has ended
         self._first: tuple[float, float] | None = None  # by both clocks, of the first position
-        self._stamps: deque[float] = deque(maxlen=_STAMPS)
+        self._stamps = deque[float](maxlen=_STAMPS)
         self._is_back = False  # the newest position was of an earlier time
-        self._alternations: deque[float] = deque(
-            maxlen=_ALTERNATIONS
-        )  # when its clock was the later one again
+        self._alternations = deque[float](maxlen=_ALTERNATIONS)  # when its clock was the later one again
         self.flown: PxMode = (0, 0)
         self.intended: PxMode | None = None  # None: not reported
         self.mode_heard_s = self.intended_heard_s = -math.inf  # by the link's clock
@@ -246,10 +243,10 @@ class Telemetry:
         first_s, first_boot_s = self._first
         known_s = self._moved_s - first_s
         pace = (self.boot_s - first_boot_s) / known_s if known_s > _PACE_S else 1.0  # of a simulator's clock
-        by_boot_s = (boot_s - self.boot_s) / max(pace, _SLOWEST)
+        by_boot_s = (boot_s - self.boot_s) / max(pace, 1.0)  # one that was paused is not fast now
         passed_s = max(now_s - self._moved_s, by_boot_s)
         if passed_s >= SILENCE_S:
-            self.silence = Silence(now_s - passed_s, now_s, self.boot_s + passed_s * pace)
+            self.silence = Silence(now_s, self.boot_s + passed_s * pace)
 
     def _attitude(self, said: Fields) -> None:
         R = _rotation([said.get(k) for k in ("q1", "q2", "q3", "q4")])
