@@ -133,6 +133,14 @@ def test_crowns_and_houses_hide_what_is_behind_them(place, eye, hidden):
     assert obstacles().hide(np.array([*place, 0.0]), np.array(eye)) == hidden
 
 
+@pytest.mark.parametrize(
+    ("place", "share"),
+    [((30.0, 30.0), 0.0), ((50.0, 30.0), 1.0), ((27.2, 30.0), 0.2)],
+)
+def test_of_a_place_below_the_edge_of_a_crown_a_part_is_shown(place, share):
+    assert obstacles().shown_share(np.array([*place, 0.0]), np.array([*place, 20.0])) == pytest.approx(share)
+
+
 @pytest.mark.parametrize("name", ["person-wilderness", "buildings"])
 def test_what_is_known_is_what_stands_there_whatever_the_seed(name):
     scenario = load_scenario(name)

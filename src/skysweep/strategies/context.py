@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from skysweep.arrays import F64
 from skysweep.geometry.camera import Lens
 from skysweep.planning.flight_plan import leg_time_s
 from skysweep.scenarios.model import Model, Scenario, Search, VehicleLimits
@@ -19,6 +20,8 @@ from skysweep.sensing.statistical.view import View
 from skysweep.types import XY
 from skysweep.worlds.obstacles import Obstacles, keep_m
 from skysweep.worlds.world import TerrainSurface
+
+_SEEN_THROUGH = 0.2  # probability that a look shows what is thought to be hidden: nobody knows every leaf
 
 
 @dataclass(frozen=True)
@@ -108,6 +111,10 @@ class MissionContext:
     def ground_at_m(self, xy: XY) -> float:
         """Height of the ground, ENU."""
         return self.obstacles.terrain.height_at_m(*xy)
+
+    def shown(self, place_enu_m: F64, eye_enu_m: F64) -> float:
+        """How probably a look from an eye (3,) shows what is at a place (3,), past known crowns and walls."""
+        return max(self.obstacles.shown_share(place_enu_m, eye_enu_m), _SEEN_THROUGH)
 
     def leg_s(self, distance_m: float, climb_m: float, speed_mps: float) -> float:
         """Seconds from standing to standing; ``climb_m`` is negative downwards."""

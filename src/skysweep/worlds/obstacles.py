@@ -41,6 +41,7 @@ _GROUND_STATION_M = 1.0
 _GROUND_PLACES = 9  # in each row of the ground samples around a place
 _TRACK_STEP_M = 0.1
 _BLOCK = 64  # steps of a track
+_ABOUT_A_PLACE = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0)]) * 0.7  # m
 _NEAR_PLACE_M = 1.5  # from the place; its position is not known better, so nothing nearer hides it
 
 
@@ -120,6 +121,10 @@ class Obstacles:
     def hide(self, place_enu_m: F64, eye_enu_m: F64) -> bool:
         """Whether a crown or building hides a place (3,), known to a metre or so, from an eye (3,)."""
         return bool(_hides(self.solids, *self._grid, place_enu_m, eye_enu_m))
+
+    def shown_share(self, place_enu_m: F64, eye_enu_m: F64) -> float:
+        """Share of a place (3,) and of four beside it that no crown or building hides from an eye (3,)."""
+        return float(_shown_share(self.solids, *self._grid, place_enu_m, eye_enu_m))
 
     def clearances_m(self, track_enu_m: F64, over_ground: NDArray[np.bool_]) -> F64:
         """Smallest distances (N + 1,) between a track (K, 3), straight from point to point, and each solid.
@@ -281,6 +286,15 @@ def _hides(solids: F64, frame: F64, starts: I64, order: I64, place: F64, eye: F6
                 return True
             s += _TRACK_STEP_M
     return False
+
+
+@njit(cache=True)
+def _shown_share(solids: F64, frame: F64, starts: I64, order: I64, place: F64, eye: F64) -> float:
+    shown = 0
+    for k in range(len(_ABOUT_A_PLACE)):
+        if not _hides(solids, frame, starts, order, place + _ABOUT_A_PLACE[k], eye):
+            shown += 1
+    return shown / len(_ABOUT_A_PLACE)
 
 
 @njit(cache=True)

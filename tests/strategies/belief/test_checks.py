@@ -104,3 +104,12 @@ def test_what_a_tree_hides_is_looked_at_from_beside_it():
             assert math.hypot(*aside_m) < 0.5 * math.hypot(across_m, along_m)
         assert all(math.dist(first, other) >= 0.3 * along_m for other in others)
     assert math.hypot(*checks.sides_m(hidden)[0]) > 1.0
+
+
+def test_looks_save_less_where_no_side_shows_the_place():
+    crown = {"position_enu_m": [50.0, 40.0], "height_m": 12.0, "crown_radius_m": 8.0}
+    wood = change_scenario(load_scenario("clusters"), {"trees": [crown]})
+    checks = Checks(context_of(scenario=wood), BeliefParameters())
+    assert checks.shown(np.array([50.0, 40.0, 0.0])) == 0.2
+    assert checks.shown(np.array([20.0, 20.0, 0.0])) == 1.0
+    assert CHECKS.shown(np.array([50.0, 40.0, 0.0])) == 1.0, "nothing stands there"

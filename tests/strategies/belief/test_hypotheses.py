@@ -38,6 +38,22 @@ def evidence(looks):
     return target - np.logaddexp(thing + math.log(0.9), nothing + math.log(0.1))
 
 
+def test_a_miss_through_leaves_counts_by_how_probably_it_would_have_shown_something():
+    def after_misses(shown):
+        belief = SIGNS.fresh()
+        for _ in range(3):
+            SIGNS.look(belief, above(6.0), PLACE, math.inf, None, widened=1.0, others=0, shown=shown)
+        target, _, nothing, *_ = SIGNS.evidence(belief, shift=0.0)
+        return target - nothing
+
+    before = after_misses(0.0)
+    target, _, nothing, *_ = SIGNS.evidence(SIGNS.fresh(), shift=0.0)
+    assert before == pytest.approx(target - nothing), "what shows nothing tells nothing"
+    odds = [after_misses(shown) - before for shown in (0.2, 0.6, 1.0)]
+    assert -2.0 < odds[0] < -0.1
+    assert odds[2] < odds[1] - 1.0 < odds[0] - 2.0
+
+
 def test_what_a_scan_seldom_reports_counts_for_more_once_it_was():
     """A target is reported in any case; of look-alikes fewer are, the faster the scan flies."""
 

@@ -219,15 +219,16 @@ class Suspects:
         confidence: float | None,
         others: int,
     ) -> None:
-        if confidence is None and self._context.obstacles.hide(place, look.camera.position_enu_m):
-            return
+        shown = 1.0  # a hit shows something
+        if confidence is None:
+            shown = self._context.shown(place, look.camera.position_enu_m)
         moved_px = math.inf
         if suspect.uv is not None:
             moved_px = abs(uv[0] - suspect.uv[0]) + abs(uv[1] - suspect.uv[1])
         suspect.uv = uv
         score = None if confidence is None else float(score_of(confidence))
         surprise = self.hypotheses(suspect.class_name).look(
-            suspect.belief, look.camera, place, moved_px, score, self.fit.widened, others
+            suspect.belief, look.camera, place, moved_px, score, self.fit.widened, others, shown
         )
         if score is not None:
             self.fit.learn_spread(self.probability(suspect.id), surprise)

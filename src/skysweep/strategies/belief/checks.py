@@ -23,6 +23,8 @@ _LEAST_S = 1.0  # a doubt that costs less is no reason to fly
 _IN_VIEW = 0.4  # of the picture's height: from so far before it a place is in view
 _SIDES = ((0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (1, 1), (-1, 1), (1, -1))  # opposites follow each other
 _BESIDE = [(0.0, 0.0), *((s * u, s * v) for s in (0.4, 0.8) for u, v in _SIDES)]  # of half the picture
+_PLACES_M = 0.5  # nearer to each other, places are taken for one
+_FAR_ABOVE_M = 100.0  # all that may hide a place
 _APART = 0.3  # of the picture's height: so far from each other are two sides
 _AT_A_PLACE_S = 1.5  # that one more place takes beside the way there
 SIDE_S = 20.0  # of doubt are a reason to look from another side
@@ -48,6 +50,8 @@ class Checks:
             self._demanded_m = max(self._height_m, search.confirm_height_max_m - ALTITUDE_TOLERANCE_M)
         self._reach_m = _IN_VIEW * context.lens.footprint_m(self._height_m)[1]  # before it a place is in view
         self._obstacles, self._keep_m = context.obstacles, context.keep_m
+        self._shows = context.shown
+        self._shown: dict[tuple[float, float, float], float] = {}
 
     def route(self, here: XY, places: F64, losses_s: Sequence[float]) -> list[int]:
         """Indices of the ``places`` (N, 2) that are worth a visit, in the order of a short way.
@@ -143,18 +147,32 @@ class Checks:
         others are from all sides of that, so far apart that the picture of the place is another one. Where
         the vehicle does not come because of obstacles is no side; straight above is one where none is left.
         """
+        first, *rest = self._seen_from_m(place_enu_m) or [(0.0, 0.0)]
+        apart_m = _APART * self._lens.footprint_m(self._height_m)[1]
+        return [first, *(xy for xy in rest if math.dist(xy, first) >= apart_m)]
+
+    def _seen_from_m(self, place_enu_m: F64) -> list[XY]:
         across_m, along_m = self._lens.footprint_m(self._height_m)
         right, down = self._R[:, 0] * across_m / 2.0, self._R[:, 1] * along_m / 2.0
         up = np.array([0.0, 0.0, self._height_m])
-        seen = [
+        return [
             (float(aside[0]), float(aside[1]))
             for aside in (u * right + v * down for u, v in _BESIDE)
             if self._is_clear(place_enu_m + aside + up)
             and not self._obstacles.hide(place_enu_m, place_enu_m + aside + up)
         ]
-        first, *rest = seen or [(0.0, 0.0)]
-        apart_m = _APART * along_m
-        return [first, *(xy for xy in rest if math.dist(xy, first) >= apart_m)]
+
+    def shown(self, place_enu_m: F64) -> float:
+        """How probably a look from the best side shows what is at a place (3,)."""
+        if not len(self._obstacles.solids):
+            return 1.0
+        place = np.rint(place_enu_m / _PLACES_M) * _PLACES_M
+        x, y, z = place.tolist()
+        if (x, y, z) not in self._shown:
+            sides_m = self._seen_from_m(place)
+            from_m = [*sides_m[0], self._height_m] if sides_m else [0.0, 0.0, _FAR_ABOVE_M]
+            self._shown[x, y, z] = self._shows(place, place + np.array(from_m))
+        return self._shown[x, y, z]
 
     def _is_clear(self, eye_enu_m: F64) -> bool:
         """Whether no tree or building is nearer than the vehicle goes."""

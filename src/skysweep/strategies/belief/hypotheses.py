@@ -25,7 +25,7 @@ from skysweep.sensing.statistical.factors import (
     CONTRAST_USUAL,
     VIEW_MAX,
 )
-from skysweep.sensing.statistical.luck import OWN, OWN_VAR, PIXELS, WEIGHT, unseen, update
+from skysweep.sensing.statistical.luck import N_STATES, OWN, OWN_VAR, PIXELS, WEIGHT, unseen, update
 from skysweep.sensing.statistical.model import BackgroundModel, KindModel, StatisticalModel, score_of
 from skysweep.strategies.belief.parameters import BeliefParameters
 from skysweep.strategies.context import MissionContext
@@ -86,7 +86,7 @@ class Hypotheses:
         missed, moved_px = unseen((len(weights),)), math.inf
         for offset_m in np.arange((step_m - along_m) / 2.0, along_m / 2.0, step_m).tolist():
             camera = CameraPose(np.array([*(offset_m * R[:2, 1]), height_m]), R)
-            self._weigh(missed, camera, np.zeros(3), moved_px, None, widened=1.0, others=0)
+            self._weigh(missed, camera, np.zeros(3), moved_px, None, widened=1.0, others=0, shown=1.0)
             moved_px = step_m / lens.gsd_m(height_m)
         reported = np.maximum(1.0 - np.exp(missed[:, WEIGHT]), _REPORTED_LEAST)
         is_thing = ~self._is_target
@@ -118,15 +118,18 @@ class Hypotheses:
         score: float | None,
         widened: float,
         others: int,
+        shown: float = 1.0,
     ) -> float:
         """Update a belief by one look at the place, in place; how surprising it was if this is a target.
 
         ``moved_px`` is how far the place has moved in the picture since its last look, inf where there was
         none in this passing; ``score`` is that of a hit, None of a miss; ``others`` are the other candidates
-        in view. Targets' scores are spread ``widened`` times as far as the model says. Surprise is the
-        squared distance of the score from what was expected, in variances, 1 on average; 0 for a miss.
+        in view. Targets' scores are spread ``widened`` times as far as the model says. ``shown`` is how
+        probably the look shows what is there; otherwise a hit or miss is as likely as where nothing is.
+        Surprise is the squared distance of the score from what was expected, in variances, 1 on average;
+        0 for a miss.
         """
-        surprise = self._weigh(belief, camera, place_enu_m, moved_px, score, widened, others)
+        surprise = self._weigh(belief, camera, place_enu_m, moved_px, score, widened, others, shown)
         belief[:, WEIGHT] -= belief[:, WEIGHT].max()
         return surprise
 
@@ -139,6 +142,7 @@ class Hypotheses:
         score: float | None,
         widened: float,
         others: int,
+        shown: float,
     ) -> float:
         height_m = float(camera.position_enu_m[2] - place_enu_m[2])
         return _look(
@@ -159,6 +163,7 @@ class Hypotheses:
             self._is_target,
             widened,
             math.log1p(others),
+            shown,
         )
 
     def confusion(self, belief: F64, camera: CameraPose, place_enu_m: F64, nothing: float) -> float:
@@ -347,12 +352,15 @@ def _look(
     is_target: NDArray[np.bool_],
     widened: float,
     company: float,
+    shown: float,
 ) -> float:
     n = len(tables)
-    expected = np.empty(4)
-    surprise, likely = 0.0, 1e-300
-    for i in range(n + 1):
+    expected, seen = np.empty(4), np.empty(N_STATES)
+    surprise, likely, where_nothing_is = 0.0, 1e-300, 1.0
+    for k in range(n + 1):
+        i = k - 1 if k else n  # nothing at all comes first
         b = belief[i]
+        seen[:] = b
         if i < n:
             _expect(expected, tables[i], numbers[i], log_pixels, eye, R, place, focal)
             pixels, mean, spread = expected[0], expected[1] + numbers[i, 8] * company, expected[2]
@@ -363,9 +371,8 @@ def _look(
         else:
             pixels, mean, spread, lapse = b[PIXELS], ghost[0], ghost[1], ghost[2]
             object_share, pass_share, unsure = ghost[3], 0.0, 0.0
-        before = b[WEIGHT]
         middle, variance = update(
-            b,
+            seen,
             pixels,
             moved_px,
             fade_px,
@@ -378,6 +385,15 @@ def _look(
             score,
             threshold,
         )
+        before, likely_seen = b[WEIGHT], math.exp(seen[WEIGHT] - b[WEIGHT])
+        if i == n:
+            where_nothing_is = likely_seen
+        if i == n or shown == 1.0:
+            b[:] = seen
+        else:
+            both = shown * likely_seen + (1.0 - shown) * where_nothing_is
+            b += (shown * likely_seen / both) * (seen - b)
+            b[WEIGHT], b[PIXELS] = before + math.log(both), seen[PIXELS]
         if score == score and i < n and is_target[i]:
             weight = math.exp(before)
             likely += weight

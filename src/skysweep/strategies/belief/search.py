@@ -224,6 +224,10 @@ class BeliefSearch:
         """What a verdict without another look costs on average."""
         return min(self._verdicts_s(k).values())
 
+    def _saves_s(self, seen: Observation, k: int) -> float:
+        """What looks at it save on average at most: the less, the more crowns or walls may hide it."""
+        return self._loss_s(k) * self._checks.shown(seen.candidates[k].position_enu_m)
+
     def _decide(self, seen: Observation, k: int, events: list[Event]) -> None:
         """By the odds, and by what either mistake costs."""
         p = self._suspects.probability(k)
@@ -271,7 +275,7 @@ class BeliefSearch:
             if saved_s[i] <= 0.0:
                 return
             k, waits_s = open_[i], self._waiting_s(open_[i])
-            if self._look_costs_s(seen, k, self._height_m(seen, k)) < self._loss_s(k) + waits_s:
+            if self._look_costs_s(seen, k, self._height_m(seen, k)) < self._saves_s(seen, k) + waits_s:
                 self._left = self._left or here
                 looks_s = {
                     "look now": float(visits.now_s[i]),
@@ -353,7 +357,7 @@ class BeliefSearch:
         """The next candidate of the route; the goal is kept unless another candidate is much nearer."""
         open_ = self._open()
         places = np.array([seen.candidates[k].position_enu_m[:2] for k in open_]).reshape(-1, 2)
-        losses_s = [0.0 if k in self._looked else self._loss_s(k) for k in open_]
+        losses_s = [0.0 if k in self._looked else self._saves_s(seen, k) for k in open_]
         route = self._checks.route(here, places, losses_s)
         self._route = [open_[i] for i in route]
         if self._goal is not None and self._goal.id not in self._route:
