@@ -87,6 +87,7 @@ class VehicleState(NamedTuple):
     wind_enu_mps: F64 | None = None  # (3,) estimated mean wind; None: unknown
     taken_over: str = ""  # why somebody else flies it now, in words; empty: nobody does
     ground_below_m: float | None = None  # measured straight down, by a rangefinder; None: it measures nothing
+    waits: str = ""  # why it hovers until a person says continue, in a sentence, though nobody flies it
 
 
 class Setpoint(NamedTuple):

@@ -39,6 +39,15 @@ SMALL = ss.make_scenario(
 )
 
 
+class KnowsDogs:
+    class_names = ("dog",)
+
+    def __init__(self, scenario):
+        pass
+
+    def detect(self, frame): ...
+
+
 def timeless(summary):
     return {k: v for k, v in summary.items() if k not in ("wall_time_s", "real_time_factor")}
 
@@ -148,6 +157,54 @@ def test_parameters_are_varied_and_paired():
         ss.compare(missions.drop("param.search.n_c"), "recall", "scan-check", "scan-check")
 
 
+def table(rows: list[tuple[str, str, int, float, float | None]]) -> pl.DataFrame:
+    columns = ["scenario", "strategy", "seed", "param.search.n_c", "recall"]
+    return pl.DataFrame(rows, schema=columns, orient="row")
+
+
+ONE = table([("hill", "a", 0, np.inf, 1.0)])
+
+
+def test_copies_of_a_seed_are_one_pair():
+    """Two scenarios, three seeds, four values of n_c, which means nothing: six pairs."""
+    rows = [
+        (scenario, strategy, seed, n_c, recall - 0.1 * seed * (strategy == "scan-only"))
+        for scenario, recall in (("hill", 0.9), ("lake", 0.8))
+        for strategy in ("scan-check", "scan-only")
+        for seed in range(3)
+        for n_c in (1.0, 2.0, 3.0, np.inf)
+    ]
+    many = ss.compare(table(rows), "recall", "scan-check", "scan-only")
+    few = ss.compare(table([row for row in rows if row[3] == 1.0]), "recall", "scan-check", "scan-only")
+    assert many.n_pairs == few.n_pairs == 6
+    assert many.p == few.p == 0.125
+    assert (many.mean, many.low, many.high) == pytest.approx((few.mean, few.low, few.high))
+
+
+def test_a_seed_is_averaged_over_what_both_flew():
+    rows = [
+        *(("hill", "a", seed, n_c, n_c / 10) for seed in range(2) for n_c in (1.0, 3.0, 7.0)),
+        *(("hill", "b", seed, n_c, 0.0) for seed in range(2) for n_c in (1.0, 3.0)),
+        ("hill", "b", 0, 7.0, None),
+    ]
+    found = ss.compare(table(rows), "recall", "a", "b")
+    assert (found.n_pairs, found.mean) == (2, pytest.approx(0.2))
+    found = ss.compare(table(rows), "recall", 3, 1, by="param.search.n_c")  # 7 is in no pair
+    assert (found.n_pairs, found.mean) == (2, pytest.approx(0.1))
+
+
+def test_differences_that_cancel_are_none():
+    rows = [
+        ("hill", strategy, seed, n_c, value)
+        for strategy, values in (("a", (0.3, 0.6)), ("b", (0.1, 0.8)))
+        for seed in range(9)
+        for n_c, value in enumerate(values, 1)
+    ]
+    assert (0.3 - 0.1) + (0.6 - 0.8) != 0.0
+    found = ss.compare(table(rows), "recall", "a", "b")
+    assert (found.mean, found.n_zero, found.p) == (0.0, 9, 1.0)
+
+
 @pytest.mark.parametrize(
     ("call", "sentence"),
     [
@@ -166,6 +223,10 @@ def test_parameters_are_varied_and_paired():
         (lambda: ss.run(SMALL, camera=3), "camera: is 3; give a camera"),
         (lambda: ss.run(SMALL, detector=3), "detector: is 3; give a detector"),
         (lambda: ss.run(SMALL, detector=lambda _: 3, sensor="statistical"), "takes no pictures"),
+        (
+            lambda: ss.run(SMALL, detector=KnowsDogs),
+            "KnowsDogs knows the classes dog, and the mission searches ",
+        ),
         (lambda: ss.run(SMALL, renderer="opengl"), "backend: 'opengl' is unknown"),
         (lambda: ss.make_scenario(name="x"), "x: area: is missing"),
         (lambda: ss.change_scenario(SMALL, {"search.nc": 1}), "did you mean 'n_c'"),
@@ -176,7 +237,16 @@ def test_parameters_are_varied_and_paired():
         (lambda: ss.load_detector("nowhere.onnx"), "nowhere.onnx"),
         (lambda: ss.load_detector(classes="boat"), r"write a list, such as \['boat'\]"),
         (lambda: ss.load_detector().detect(np.zeros((4, 4))), r"image: is an array \(4, 4\) of float64"),
+        (lambda: ss.run(SMALL, watch=3), r"watch: is 3; give a function of \(state, mode, detections\)"),
+        (lambda: ss.change_scenario(SMALL, [("search.n_c", 1)]), "changes: is .*; write a dict of dotted"),
+        (
+            lambda: ss.change_scenario(SMALL, {"search.n_c": None}),
+            "search.n_c: is empty; write a valid number",
+        ),
+        (lambda: ss.write_scenario("clusters", "new.yaml"), "scenario: is 'clusters'; give a Scenario"),
         (lambda: ss.sweep(SMALL, seeds=0), "seeds: is 0"),
+        (lambda: ss.sweep(SMALL, out=""), "out: is ''; write a folder or a URL, or leave it out"),
+        (lambda: ss.sweep(SMALL, out=5), "out: is 5; write a folder or a URL, or leave it out"),
         (lambda: ss.sweep(SMALL, "scan-chk"), "there is no strategy 'scan-chk'"),
         (lambda: ss.sweep([SMALL, SMALL]), "two are called 'small'"),
         (lambda: ss.sweep(SMALL, workers=0), "workers: is 0"),
@@ -184,6 +254,12 @@ def test_parameters_are_varied_and_paired():
         (lambda: ss.sweep(SMALL, parameters={"search.nc": [1]}), "a scenario has no such parameter"),
         (lambda: ss.estimate(["a"]), "values: are no numbers"),
         (lambda: ss.compare(pl.DataFrame({"a": [1]}), "b", "x", "y"), "b: is no column; write one of a"),
+        (lambda: ss.compare({"a": [1]}, "b", "x", "y"), "missions: is a dict; give the table that sweep"),
+        (
+            lambda: ss.compare(ONE, "recall", 1, 2, by="strategy"),
+            "1: no mission has this strategy; write one",
+        ),
+        (lambda: ss.compare(ONE, "param.search.n_c", "a", "a"), "is no number, or infinite; compare one"),
     ],
 )
 def test_every_mistake_is_one_sentence(call, sentence):

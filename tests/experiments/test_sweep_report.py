@@ -447,6 +447,14 @@ def test_verdict_recall_first():
     assert "highest recall is that of n_c = 9: recall 0.800 (with every seed)" in verdict_of(quick)
 
 
+def test_a_mean_recall_of_exactly_the_least_is_enough():
+    recall = [0.9, 1.0] * 10
+    assert np.mean(recall) < 0.95
+    assert "n_c = 1 is the best" in verdict_of(
+        flown([300.0] * 20, recall, n_c=1), flown([400.0] * 20, recall, n_c=2)
+    )
+
+
 def test_verdict_says_who_is_left_out_for_missions_without_an_end():
     sure, quick = flown(900 + NOISE, recall=1.0, n_c=1), flown(300 + NOISE, recall=0.96, n_c=9)
     worse = flown(800 + NOISE, recall=0.97, n_c=2)

@@ -1,5 +1,6 @@
 """Specs of sweeps: what they fly, and what is wrong with one said in a sentence."""
 
+import json
 import math
 from pathlib import Path
 
@@ -49,6 +50,39 @@ def test_every_combination_flies_every_seed():
         assert (job.label, job.seed, job.config_hash) == (row["scenario"], row["seed"], row["config_hash"])
         assert job.scenario.search.n_c == row["param.search.n_c"]
         assert job.scenario.wind.mean_speed_mps == (8 if job.label == "clusters-windy" else 2)
+
+
+FILES = """
+name: files
+scenarios:
+  - clusters
+  - {scenario: clusters, label: own, set: {detector.statistical_model: mine.yaml, area: {file: area.geojson}}}
+strategies:
+  - {strategy: scan-check, points: [{search.plan: low.plan}, {detector.statistical_model: other.yaml}]}
+  - scan-only
+parameters: {detector.statistical_model: [mine.yaml, "null"], detector.model: [best.onnx, yolo26n-sar]}
+seeds: 1
+"""
+CORNERS = [[22.2966, 60.449], [22.2996, 60.449], [22.2996, 60.4505], [22.2966, 60.4505], [22.2966, 60.449]]
+
+
+def test_files_start_at_the_specs_folder_and_the_written_spec_flies_from_anywhere(tmp_path, monkeypatch):
+    folder = tmp_path / "spec"
+    folder.mkdir()
+    (folder / "files.yaml").write_text(FILES)
+    (folder / "mine.yaml").write_text("numbers")
+    (folder / "area.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [CORNERS]}))
+    monkeypatch.chdir(tmp_path)
+    spec = load_spec("spec/files.yaml")
+    flown = matrix_of(spec).table()
+    found = {job.scenario.detector.statistical_model for job in matrix_of(spec).jobs()}
+    assert found == {str(folder / "mine.yaml"), str(folder / "other.yaml"), None}
+    assert {str(folder / "low.plan"), None} == {job.scenario.search.plan for job in matrix_of(spec).jobs()}
+    assert set(flown["param.detector.model"]) == {str(folder / "best.onnx"), "yolo26n-sar", "skysweep"}
+    monkeypatch.chdir(folder)
+    assert matrix_of(load_spec("files.yaml")).table().equals(flown)
+    monkeypatch.chdir("/")
+    assert matrix_of(parse_spec(dump_spec(spec), "spec.yaml")).table().equals(flown)
 
 
 def test_without_strategies_each_scenario_has_its_own():

@@ -330,6 +330,18 @@ def test_a_trial_that_is_not_what_was_written_is_refused(tmp_path):
             search(wanted, f"sqlite:///{path}", "tiny", 2, workers=1)
 
 
+def test_a_study_of_another_seed_is_refused(tmp_path):
+    def trials(name, seed):
+        space = Parameter(CHECK_SPEED, (2.0, 4.0))
+        wanted = problem(space, scenario=tiny(), seeds=4, sampler_seed=seed)
+        return search(wanted, f"sqlite:///{tmp_path}/study.db", name, 1, workers=1)
+
+    for name, own, other in (("zero", 0, 5), ("five", 5, 0)):
+        assert trials(name, own) == trials(name, own)
+        with pytest.raises(UserError, match=r"another problem \(differs: seed\)"):
+            trials(name, other)
+
+
 def test_what_was_flown_with_another_sensor_file_is_not_taken(tmp_path):
     sensor = tmp_path / "sensor.yaml"
     shipped = (Path(skysweep.__file__).parent / "sensing/statistical/visible.yaml").read_text()

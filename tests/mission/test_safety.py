@@ -487,6 +487,48 @@ def test_a_jump_holds_until_it_is_taken_back():
         assert watched(state(t=t, x=x)).get("position jump") is action
 
 
+@pytest.mark.parametrize("gap_s", [1.0, 2.0, 2.5, 3.0])
+@pytest.mark.parametrize("by_m", [(50.0, 0.0, 0.0), (0.0, 0.0, 15.0)])
+def test_a_jump_in_a_gap_of_the_link_is_noticed(gap_s, by_m):
+    watched = Watched()
+    x, y, z = by_m
+    assert watched(state(t=0.0, v=(5.0, 0.0, 0.0)), phase=Phase.RETURN) == {}
+    jumped = state(t=gap_s, x=5.0 * gap_s + x, y=y, z=30.0 + z, v=(5.0, 0.0, 0.0))
+    assert watched(jumped, phase=Phase.RETURN) == {"position jump": Action.HOLD}
+    back = state(t=gap_s + 1.0, x=5.0 * gap_s + 5.0, v=(5.0, 0.0, 0.0))
+    assert watched(back, phase=Phase.RETURN) == {}
+
+
+@pytest.mark.parametrize("speed_mps", [5.0, 9.0])
+def test_what_is_flown_in_a_gap_of_the_link_is_no_jump(speed_mps):
+    """The turns, braking, climbs and descents of a mission."""
+    speeds = {"scan_speed_mps": speed_mps, "check_speed_mps": speed_mps, "n_c": 1}
+    of = Scenario.model_validate(
+        {
+            "name": "gaps",
+            "area": {"polygon_enu_m": [[0, 0], [80, 0], [80, 60], [0, 60]]},
+            "targets": [{"class": "stop sign", "position_enu_m": [40, 30], "size_m": 0.9}],
+            "vehicle": {"cruise_speed_mps": speed_mps},
+            "search": speeds,
+        }
+    )
+    states, modes = [], set()
+
+    def watch(seen, mode, _new):
+        states.append(seen)
+        modes.add(mode)
+
+    fly(build_mission(of, 0, Rig("statistical")), MemoryJournal(), watch)
+    assert {"TAKEOFF", "SCAN", "CHECK", "RETURN", "LAND"} <= modes
+    guard = Watched().guard
+    for gap_s in (2.1, 2.5, 3.0, 4.0, 6.0, 10.0, 30.0):
+        for before, after in zip(states[::3], states[round(10 * gap_s) :: 3], strict=False):
+            guard.begin_sortie()
+            guard.alarms(before, 30.0, Phase.RETURN)
+            causes = {alarm.cause for alarm in guard.alarms(after, 30.0, Phase.RETURN)}
+            assert "position jump" not in causes, (gap_s, before.time_s, after.time_s)
+
+
 def test_the_most_severe_action_wins():
     watched = Watched()
     alarms = watched.guard.alarms(state(battery_remaining=0.03, silent_s=2.0), 30.0, Phase.SEARCH)
@@ -593,3 +635,39 @@ def test_a_path_over_a_no_fly_area_is_refused_on_the_ground():
 def test_scenarios_that_cannot_be_flown_safely(changes, message):
     with pytest.raises(ValueError, match=message):
         Scenario.model_validate(SMALL | changes)
+
+
+WAITS = {"waits": "It hovers until a person says continue."}
+
+
+@pytest.mark.parametrize("phase", [Phase.SEARCH, Phase.RETURN, Phase.LAND])
+def test_a_vehicle_that_is_ours_again_without_a_word_is_held(phase):
+    watched = Watched(looked_s=103.0)
+    assert watched(state(taken_over="it is in Land"), phase=phase) == {"taken over": Action.KEEP_OUT}
+    (alarm,) = watched.guard.alarms(state(t=101.0, **WAITS), 30.0, phase)
+    assert (alarm.action, alarm.sentence) == (Action.HOLD, WAITS["waits"])
+    assert watched(state(t=102.0), phase=phase) == {"taken over": Action.HOLD}
+    assert watched(state(t=103.0, **WAITS), phase=phase) == {"taken over": Action.HOLD}
+    watched.guard.heed("continue")
+    assert watched(state(t=104.0, **WAITS), phase=phase) == {}
+
+
+def test_a_persons_word_counts_more_than_the_wait():
+    watched = Watched()
+    watched(state(taken_over="it is in Land"))
+    watched.guard.heed("return")
+    assert watched(state(t=101.0, **WAITS)) == {"operator": Action.RETURN}
+
+
+@pytest.mark.parametrize(
+    ("left", "cause", "action"),
+    [(0.14, "low battery", Action.RETURN), (0.04, "battery critical", Action.LAND)],
+)
+def test_the_battery_is_looked_after_while_a_vehicle_waits_for_a_word(left, cause, action):
+    watched = Watched()
+    watched(state(taken_over="it is in Land"))
+    found = watched(state(t=101.0, battery_remaining=left, **WAITS))
+    assert found["taken over"] is Action.HOLD
+    assert found[cause] is action
+    theirs = state(t=102.0, battery_remaining=left, taken_over="it is in Position")
+    assert watched(theirs) == {"taken over": Action.KEEP_OUT}

@@ -15,10 +15,10 @@ from skysweep.flights.resume import resume_folder
 from skysweep.flights.rig import Rig
 from skysweep.mission.journal import MemoryJournal, read_journal
 from skysweep.mission.loop import fly
-from skysweep.mission.orders import CONTINUE, HOLD, RETURN, Order
+from skysweep.mission.orders import CONTINUE, HOLD, RETURN, TAKE_BACK, Order
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.metrics import compute_summary, seen_area, whole_summary
-from skysweep.results.run_folder import Run
+from skysweep.results.run_folder import Run, load_run
 from skysweep.scenarios.files import dump_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.vehicles.embedded.at_home import embedded_vehicle
@@ -303,3 +303,158 @@ def test_away_from_home_nobody_changes_its_battery():
         r["sentence"] for r in run.events("safety")
     ]
     assert [r["kind"] for r in run.records][-2:] == ["landed", "end"]
+
+
+class Manned:
+    """A vehicle whose battery a person changes. ``ground(self, seconds since it landed)`` gives the order."""
+
+    truth = None
+
+    def __init__(self, vehicle, ground):
+        self._vehicle, self._ground, self._landed_s = vehicle, ground, None
+        self.command, self.advance, self.hold = vehicle.command, vehicle.advance, vehicle.hold
+        self.takeoff, self.land, self.new_battery = vehicle.takeoff, vehicle.land, vehicle.change_battery
+        self.now = {}  # fields of the state that are wrong
+
+    def state(self):
+        return self._vehicle.state()._replace(**self.now)
+
+    def asked(self, mode):
+        time_s = self._vehicle.state().time_s
+        if mode != "SWAP":
+            self._landed_s = None
+            return None
+        self._landed_s = time_s if self._landed_s is None else self._landed_s
+        return self._ground(self, time_s - self._landed_s)
+
+
+def manned(ground):
+    """The journal's lines of a mission with two batteries."""
+    of = field(batteries=2)
+    vehicle = Manned(embedded_vehicle(of, 0), ground)
+    mission, journal, modes = build_mission(of, 0, Rig("statistical", vehicle=vehicle)), MemoryJournal(), [""]
+    fly(
+        mission,
+        journal,
+        lambda _state, mode, _new: modes.append(str(mode)),
+        lambda: vehicle.asked(modes[-1]),
+    )
+    return journal.lines
+
+
+def at(*steps):
+    """A ``ground``: each step, ``(s, does)``, once it is that late; its result is the order."""
+    left = list(steps)
+
+    def ground(vehicle, lasted_s):
+        return left.pop(0)[1](vehicle) if left and lasted_s >= left[0][0] else None
+
+    return ground
+
+
+def says(word):
+    return lambda _vehicle: Order(word)
+
+
+def gets(**fields):
+    def does(vehicle):
+        vehicle.now = fields
+
+    return does
+
+
+@pytest.mark.parametrize(
+    ("wrong", "why"),
+    [
+        ({"position_std_m": math.inf}, "The position is not known well enough to take off."),
+        ({"wind_enu_mps": np.array([12.0, 0.0, 0.0])}, "The wind blows at 12 m/s."),
+        ({"silent_s": 5.0}, "No telemetry for 5.0 s."),
+        ({"taken_over": "it is in Position"}, "Somebody else flies the vehicle: take it back first."),
+        ({"battery_remaining": 0.5}, "The battery is at 50%, less than 80%: put in a charged one."),
+    ],
+)
+def test_a_word_that_cannot_be_followed_is_refused_and_must_be_said_again(wrong, why):
+    lines = manned(
+        at(
+            (10.0, lambda vehicle: vehicle.new_battery()),
+            (11.0, gets(**wrong)),
+            (20.0, says(CONTINUE)),
+            (40.0, gets()),
+            (100.0, says(CONTINUE)),
+        )
+    )
+    (landed,), (again,) = ([r for r in lines if r["kind"] == kind] for kind in ("sortie", "next_sortie"))
+    assert again["t"] - landed["t"] == pytest.approx(100.0, abs=1.0)
+    said = [r["sentence"] for r in lines if r["kind"] == "safety" and r["cause"] == "battery change"]
+    assert f"{why} Say continue when it is ready." in said
+    assert said.count("The wait for another battery is over.") == 1
+
+
+@pytest.mark.parametrize("word", [TAKE_BACK, HOLD])
+def test_no_other_word_says_that_the_battery_was_changed(word):
+    lines = manned(
+        at((10.0, lambda vehicle: vehicle.new_battery()), (20.0, says(word)), (90.0, says(RETURN)))
+    )
+    assert "next_sortie" not in [r["kind"] for r in lines]
+    assert lines[-1]["reason"] == "operator"
+
+
+def changes_it(vehicle, lasted_s):
+    """A person who puts in a battery after each landing."""
+    if lasted_s < 5.0:
+        return None
+    vehicle.new_battery()
+    vehicle.now = {}
+    return Order(CONTINUE)
+
+
+class Killed(Exception):
+    """Our side ends."""
+
+
+def gone_on_with(folder, of, mode, meanwhile=lambda _vehicle: None):
+    """The run of a real vehicle's mission that was killed in this mode, and resumed after ``meanwhile``."""
+    vehicle, modes = Manned(embedded_vehicle(of, 0), changes_it), [""]
+
+    def watch(_state, now, _new):
+        modes.append(str(now))
+        if mode is not None and modes.count(mode) == 20:
+            raise Killed
+
+    rig = Rig("statistical", vehicle=vehicle, watch=watch, operator=lambda: vehicle.asked(modes[-1]))
+    with pytest.raises(Killed):
+        fly_to_folder(of, 0, folder, rig)
+    mode = None
+    meanwhile(vehicle)
+    resume_folder(folder, rig)
+    return load_run(folder)
+
+
+def test_killed_on_the_way_to_another_battery_it_gets_it(tmp_path):
+    run = gone_on_with(tmp_path / "run", field(), "RETURN")
+    assert run.end_reason == "completed"
+    assert run.n_sorties == 3
+    unseen = seen_area(flown(field(battery_wh=100.0))[0]).difference(seen_area(run))
+    assert unseen.area < 0.001 * run.scenario.area_enu_m.area
+
+
+def test_killed_in_a_check_it_makes_that_with_another_battery(tmp_path):
+    nearly_empty = gets(battery_remaining=0.3)
+    run = gone_on_with(tmp_path / "run", field(FAR_CHECKS, battery_wh=16.0), "CHECK", nearly_empty)
+    assert run.end_reason == "completed"
+    assert not run.events("unchecked")
+    assert compute_summary(run)["n_confirmed"] == 2
+
+
+def test_a_landing_for_another_battery_that_nobody_saw_counts(tmp_path):
+    def lands(vehicle):
+        vehicle.land()
+        vehicle.advance(60.0)
+        vehicle.new_battery()
+
+    run = gone_on_with(tmp_path / "run", field(), "LAND", lands)
+    assert run.end_reason == "completed"
+    first, *_, last = run.sorties
+    assert (first.why, last.number, last.why) == ("broken off", 3, "completed")
+    assert 0.05 < first.battery < 0.3
+    assert first.energy_wh == pytest.approx((1.0 - first.battery) * 12.0, abs=0.1)

@@ -605,6 +605,27 @@ def test_an_order_to_land_that_was_not_done_is_given_again():
     flown.assert_landed_at_home()
 
 
+class Flickers(Around):
+    """A land detector that says *landed* for 0.6 s in the middle of the landing."""
+
+    landing_s = math.inf
+
+    def land(self):
+        self.landing_s = self.inner.state().time_s
+        self.inner.land()
+
+    def state(self):
+        state = self.inner.state()
+        flickers = 2.0 < state.time_s - self.landing_s < 2.6
+        return state._replace(airborne=False) if flickers else state
+
+
+def test_a_land_detector_that_flickers_ends_no_landing():
+    flown = Flown(vehicle=Flickers)
+    assert (flown.reason, flown.safety) == ("completed", [])
+    flown.assert_landed_at_home()
+
+
 def test_a_landing_that_never_ends_is_given_up_with_a_word():
     flown = Flown(vehicle=lambda inner: HardToLand(inner, math.inf))
     assert flown.reason == "landing"

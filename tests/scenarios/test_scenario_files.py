@@ -10,7 +10,9 @@ import yaml
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+import skysweep
 from skysweep.errors import UserError
+from skysweep.experiments.benchmark.suite import load_suite
 from skysweep.files.plain_yaml import MAX_YAML_BYTES
 from skysweep.geometry.camera import Lens
 from skysweep.scenarios.files import (
@@ -22,7 +24,7 @@ from skysweep.scenarios.files import (
     parse_scenario,
     write_scenario,
 )
-from skysweep.scenarios.model import Distractor, Scenario
+from skysweep.scenarios.model import Distractor, Scenario, Search
 from skysweep.worlds.world import build_world
 
 PAPER = ("clusters", "abundance", "sparse")
@@ -620,3 +622,55 @@ def test_another_kind_of_camera_has_what_is_usual_for_it() -> None:
     assert (back.camera.height_px, back.camera.hfov_rad, back.detector.model) == (360, 1.0, "skysweep")
     with_objects = Scenario(name="mine", area=wide.area, camera=wide.camera)
     assert with_objects.detector.model == "skysweep-thermal"
+
+
+# --- changes of whole sections --------------------------------------------------------------------------
+
+
+def test_a_section_changes_the_fields_that_it_names():
+    scenario = load_scenario("person-wilderness")
+    assert change_scenario(scenario, {"search": {"n_c": 3}}) == change_scenario(scenario, {"search.n_c": 3})
+    assert change_scenario(scenario, {"camera": {"gimbal": {"lag_s": 0.1}}}) == change_scenario(
+        scenario, {"camera.gimbal.lag_s": 0.1}
+    )
+    thermal = change_scenario(load_scenario("sparse"), {"camera": {"kind": "thermal"}})
+    assert thermal == change_scenario(load_scenario("sparse"), {"camera.kind": "thermal"})
+    with pytest.raises(UserError, match=r"search\.nc: there is no such field; did you mean 'n_c'"):
+        change_scenario(scenario, {"search": {"nc": 3}})
+
+
+def test_area_lists_and_models_change_as_a_whole():
+    hole = {"area.holes_enu_m": [[[20, 5], [40, 5], [40, 15]]]}
+    scenario = change_scenario(load_scenario("sparse"), hole)
+    corners = [[0, 0], [50, 0], [50, 50]]
+    assert change_scenario(scenario, {"area": {"polygon_enu_m": corners}}).area.holes_enu_m == []
+    assert change_scenario(scenario, hole | {"area": {"polygon_enu_m": corners}}).area.holes_enu_m != []
+    target = {"class": "stop sign", "position_enu_m": [5, 5]}
+    assert len(change_scenario(scenario, {"targets": [target]}).targets) == 1
+    planned = change_scenario(scenario, {"search.plan": "area.plan", "search.n_c": 7})
+    assert change_scenario(planned, {"search": Search(d_c_m=30)}).search == Search(d_c_m=30)
+
+
+def test_no_change_is_dropped():
+    scenario = load_scenario("sparse")
+    changed = change_scenario(scenario, {"search.d_c_m": 30, "search": {"n_c": 3}}).search
+    assert (changed.n_c, changed.d_c_m) == (3, 30)
+    assert change_scenario(scenario, {"search": {"d_c_m": 30}, "search.n_c": 3}).search == changed
+    with pytest.raises(UserError, match=r"sparse: search\.n_c: is written twice; keep one"):
+        change_scenario(scenario, {"search.n_c": 3, "search": {"n_c": 5}})
+
+
+def test_null_is_written_as_none():
+    planned = change_scenario(load_scenario("sparse"), {"search.plan": "area.plan"})
+    assert skysweep.change_scenario(planned, {"search.plan": None}).search.plan is None
+    assert change_scenario(planned, {"search": {"plan": None}}).search.plan is None
+    with pytest.raises(UserError, match=r"search\.n_c: "):
+        skysweep.change_scenario(planned, {"search.n_c": None})
+
+
+@pytest.mark.parametrize("family", load_suite().families, ids=lambda family: family.label)
+def test_a_benchmark_scenario_is_the_same_whether_a_section_is_changed_or_replaced(family):
+    fields = load_scenario(family.scenario).model_dump(by_alias=True)
+    whole = {key: value for key, value in family.changes.items() if isinstance(value, dict)}
+    dotted = {key: value for key, value in family.changes.items() if key not in whole}
+    assert family.base() == change_scenario(Scenario.model_validate(fields | whole), dotted)

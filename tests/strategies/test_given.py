@@ -107,6 +107,63 @@ def test_what_a_class_refuses_is_one_sentence(write):
         strategy_spec("theirs_4:make").make(context_of())
 
 
+TELLING = (
+    GOOD
+    + """
+from pydantic import BaseModel
+
+
+class Telling(Own):
+    class Parameters(BaseModel):
+        depth: int = 3
+
+    needs_sensor_model = True
+
+    @staticmethod
+    def cover_altitude_agl_m(search):
+        return 12.0
+
+
+def make(context):
+    return Telling(context)
+
+
+class Late(Own):
+    def __init__(self, context):
+        self.cover_altitude_agl_m = lambda search: 12.0
+
+
+def broken(context):
+    raise ValueError("no way")
+"""
+)
+
+
+def test_what_only_the_made_strategy_has_is_not_ignored(write):
+    write("theirs_7", TELLING)
+    for name, made in (("make", "Telling"), ("Late", "Late")):
+        with pytest.raises(
+            UserError,
+            match=f"makes a {made}, whose cover_altitude_agl_m would be ignored; give the class {made}",
+        ):
+            strategy_spec(f"theirs_7:{name}").make(context_of())
+    own = sys.modules["theirs_7"]
+    own.make.cover_altitude_agl_m, own.make.Parameters = (
+        own.Telling.cover_altitude_agl_m,
+        own.Telling.Parameters,
+    )
+    with pytest.raises(UserError, match="whose needs_sensor_model would be ignored"):
+        strategy_spec("theirs_7:make").make(context_of())
+    own.make.needs_sensor_model = True
+    for given in (own.make, own.Telling, partial(own.Telling), partial(partial(own.Telling))):
+        spec = spec_of(given)
+        assert spec.cover_altitude_agl_m(Search()) == 12.0
+        assert (spec.parameters, spec.needs_sensor_model) == (own.Telling.Parameters, True)
+        assert spec.make(context_of()).snapshot() == {}
+    with pytest.raises(UserError, match=r"ValueError: no way at theirs_7\.py:"):
+        strategy_spec("theirs_7:broken").make(context_of())
+
+
 def test_a_name_leads_back_to_what_is_at_the_top_of_a_module(write):
     write("theirs_5", GOOD)
     strategy_spec("theirs_5:Own")

@@ -162,8 +162,56 @@ def test_late_positions_change_nothing_and_a_restart_is_noticed():
     radio.say("LOCAL_POSITION_NED", **position(60_000))
     radio.say("LOCAL_POSITION_NED", **position(59_900, x=7.0))
     assert (told.boot_s, told.ned_m[0], told.restarted) == (60.0, 1.0, False)
-    radio.say("LOCAL_POSITION_NED", **position(500))
+    for k in range(5):
+        assert not told.restarted
+        radio.say("LOCAL_POSITION_NED", **position(500 + 30 * k))
     assert told.restarted
+
+
+@pytest.mark.parametrize(
+    "late_ms", [[58_500], [57_000, 57_030, 57_060], [59_000] * 6, [500, 400, 300, 200, 100, 0]]
+)
+def test_a_few_late_or_repeated_positions_are_no_restart(late_ms):
+    radio = Radio()
+    told = Telemetry(radio, -1.57, 98.0)
+    for k in range(4):
+        radio.say("LOCAL_POSITION_NED", **position(60_000 + 40 * k))
+        for time_ms in late_ms:
+            radio.say("LOCAL_POSITION_NED", **position(time_ms + 7 * k, x=7.0))
+    assert not told.restarted
+    assert (told.boot_s, told.ned_m[0]) == (pytest.approx(60.12), 1.0)
+
+
+@pytest.mark.parametrize("then", [{}, {"q1": None, "q2": None, "q3": None, "q4": None}])
+def test_an_attitude_that_is_told_no_more_is_no_position(then):
+    radio = Radio()
+    told = Telemetry(radio, -1.57, 98.0)
+    radio.say("ATTITUDE_QUATERNION", q1=1.0, q2=0.0, q3=0.0, q4=0.0)
+    told_for(1.5, radio)
+    assert told.position_std_m == 0.0
+    for k in range(3, 10):
+        told_for(0.5, radio, since_s=0.5 * k)
+        if then:
+            radio.say("ATTITUDE_QUATERNION", **then)
+    assert told.position_std_m == math.inf
+    radio.say("ATTITUDE_QUATERNION", q1=1.0, q2=0.0, q3=0.0, q4=0.0)
+    assert told.position_std_m == 0.0
+
+
+def test_an_old_word_is_not_todays():
+    radio = Radio()
+    told = Telemetry(radio, -1.57, 98.0)
+    radio.say("ESTIMATOR_STATUS", flags=m.ESTIMATOR_POS_HORIZ_ABS, pos_horiz_accuracy=0.2)
+    radio.say("WIND_COV", wind_x=3.0, wind_y=1.0, wind_z=None)
+    radio.say("GIMBAL_DEVICE_ATTITUDE_STATUS", q=[1.0, 0.0, 0.0, 0.0], flags=0)
+    told_for(1.5, radio)
+    assert told.position_std_m == 0.2
+    assert told.wind_enu_mps is not None
+    assert told.reported_gimbal_pitch_rad == 0.0
+    told_for(11.0, radio, since_s=1.5)
+    assert told.position_std_m == math.inf
+    assert told.wind_enu_mps is None
+    assert told.reported_gimbal_pitch_rad is None
 
 
 def test_what_is_not_said_is_not_made_up():

@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pytest
 from look_alike import LookAlike
-from takeovers import HOLD, LAND, OFFBOARD, POSITION, RETURN
+from takeovers import ALTITUDE, HOLD, LAND, OFFBOARD, POSITION, RETURN
 
 from skysweep.cli.fly import _Operator
 from skysweep.cli.terminal import enter_pressed, has_keyboard
@@ -456,3 +456,152 @@ def test_a_program_without_standard_input_has_no_keyboard(monkeypatch):
     monkeypatch.setattr("sys.stdin", None)
     assert not has_keyboard()
     assert not enter_pressed()
+
+
+def taken_while_arming(after_s, take, lost_s=0.0):
+    """Somebody acts that long after our arming; a take-off order is lost for ``lost_s``."""
+    there = LookAlike(5)
+    there.sticks(moving=False)
+    there.wait(1.0)
+    link, at_s = there.vehicle.link, {}
+    say = link._say
+
+    def loses(message):
+        is_take_off = message.get_type() == "COMMAND_LONG" and message.command == m.MAV_CMD_NAV_TAKEOFF
+        if not is_take_off or there.now_s() >= at_s.setdefault("take-off", there.now_s()) + lost_s:
+            say(message)
+
+    def somebody():
+        if there.flown()[1] and there.now_s() >= at_s.setdefault("armed", there.now_s()) + after_s:
+            link.others.remove(somebody)
+            take(there)
+            at_s["taken"] = len(link.orders)
+
+    link._say = loses
+    link.others.append(somebody)
+    with pytest.raises(UserError, match="take off"):
+        there.vehicle.takeoff(12.0)
+    assert m.MAV_CMD_COMPONENT_ARM_DISARM not in link.orders[at_s["taken"] :]
+    there.orders()
+    there.vehicle.close()
+    assert there.orders() == []
+    return there
+
+
+@pytest.mark.parametrize(("lost_s", "after_s"), [(0.0, 0.02), (0.0, 0.3), (20.0, 3.0)])
+def test_who_disarms_it_after_our_arming_is_not_overruled(lost_s, after_s):
+    def disarm(there):
+        there.command(m.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, 21196.0)
+
+    there = taken_while_arming(after_s, disarm, lost_s)
+    assert not there.flown()[1]
+    assert "disarmed" in there.vehicle.authority.theirs
+
+
+@pytest.mark.parametrize("mode", [ALTITUDE, LAND])
+def test_who_chooses_a_mode_after_our_arming_keeps_it(mode):
+    there = taken_while_arming(0.3, lambda there: there.command(m.MAV_CMD_DO_SET_MODE, 1, *mode))
+    assert there.flown()[0] == mode
+    assert there.vehicle.authority.theirs
+
+
+def test_an_order_to_arm_that_was_lost_is_given_again():
+    there = LookAlike(5)
+    link, lost = there.vehicle.link, []
+    say = link._say
+
+    def loses(message):
+        if (
+            message.get_type() == "COMMAND_LONG"
+            and message.command == m.MAV_CMD_COMPONENT_ARM_DISARM
+            and not lost
+        ):
+            lost.append(message)
+        else:
+            say(message)
+
+    link._say = loses
+    there.vehicle.takeoff(12.0)
+    assert lost
+    assert there.vehicle.state().airborne
+
+
+def lost_by_px4_alone(seconds):
+    """In Offboard again, by itself, after a time in which only PX4 heard nothing."""
+    there = in_offboard()
+    there.sticks(moving=False)
+    link = there.vehicle.link
+    say, link._say = link._say, lambda _message: None
+    run(there, seconds)
+    assert "in Hold" in there.vehicle.state().taken_over
+    link._say = say
+    return there
+
+
+def test_what_px4_flies_on_our_setpoints_again_hovers_and_waits_for_a_word():
+    there = lost_by_px4_alone(6.0)
+    run(there, 10.0, lambda: not there.vehicle.state().taken_over)
+    assert there.flown()[0] == OFFBOARD
+    assert "until a person says continue" in there.vehicle.state().waits
+    there.wait(3.0)
+    place = there.vehicle.state().position_enu_m
+    there.wait(10.0)
+    assert np.linalg.norm(there.vehicle.state().position_enu_m - place) < 1.0
+    there.vehicle.command(FAR)
+    there.wait(5.0)
+    state = there.vehicle.state()
+    assert not state.waits
+    assert np.linalg.norm(state.position_enu_m - place) > 5.0
+
+
+def test_what_px4_flies_again_is_landed_where_the_battery_demands_it():
+    there = lost_by_px4_alone(6.0)
+    run(there, 10.0, lambda: not there.vehicle.state().taken_over)
+    there.vehicle.land()
+    run_out_s = there.now_s() + 60.0
+    while there.flown()[1] and there.now_s() < run_out_s:
+        there.wait(0.5)
+    assert not there.flown()[1]
+
+
+@pytest.mark.parametrize("mode", [POSITION, HOLD])
+def test_what_a_person_took_from_a_failsafe_is_not_ours_in_offboard_either(mode):
+    there = lost_by_px4_alone(6.0)
+    there.command(m.MAV_CMD_DO_SET_MODE, 1, *mode)
+    there.wait(1.0)
+    assert there.flown()[0] == mode
+    there.orders()
+    there.station.command(m.MAV_CMD_DO_SET_MODE, 1, *OFFBOARD)
+    there.wait(10.0)
+    state = there.vehicle.state()
+    assert state.taken_over
+    assert not state.waits
+    assert there.orders() == []
+
+
+def jumped(there, seconds, east_m):
+    """The vehicle tells a false place for so long."""
+    link, until_s = there.vehicle.link, there.now_s() + seconds
+    take = link._take
+
+    def falsely(name, fields):
+        if name == "LOCAL_POSITION_NED" and there.now_s() < until_s:
+            fields = fields | {"y": fields["y"] + east_m}
+        take(name, fields)
+
+    link._take = falsely
+
+
+@pytest.mark.parametrize("east_m", [60.0, 5e6])
+def test_a_hover_never_aims_at_a_place_that_was_told_in_a_jump(east_m):
+    there = in_offboard()
+    there.vehicle.hold()
+    there.wait(5.0)
+    place = np.array(there.sky.vehicle.true_position_enu_m)
+    jumped(there, 4.0, east_m)
+    there.wait(0.2)
+    there.vehicle.hold()
+    for _ in range(60):
+        there.wait(1.0)
+        assert np.linalg.norm(there.sky.vehicle.true_position_enu_m - place) < 3.0
+    assert there.flown()[0] == OFFBOARD

@@ -149,3 +149,25 @@ def test_a_connection_that_breaks_is_opened_again():
                 while link.accepted == 0:
                     assert time.monotonic() - begun_s < 5.0
                     time.sleep(0.02)
+
+
+def test_our_own_frames_sent_back_move_no_order_to_who_sends_them():
+    port, here = free_port(), ("127.0.0.1", 0)
+    with (
+        closing(SignedLink(f"udpin://127.0.0.1:{port}", KEY, 5.0)) as link,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as program,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
+    ):
+        program.bind(("127.0.0.1", int(link.url.rpartition(":")[2])))
+        for each in (vehicle, stranger):
+            each.bind(here)
+            each.settimeout(5.0)
+        vehicle.sendto(heartbeat(KEY), ("127.0.0.1", port))
+        assert program.recvfrom(1000)
+        ours = m.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(m.MAVLink(None, 245, 190))
+        for n in range(3):
+            program.sendto(ours, link._program.getsockname())
+            stranger.sendto(vehicle.recv(1000), ("127.0.0.1", port))
+            wait(lambda n=n: link.refused == n + 1, 5.0, "what was sent back was not refused")
+        assert link.accepted == 1

@@ -59,6 +59,8 @@ def run(
         UserError: an argument is invalid, or the mission cannot be flown.
     """
     seed, folder = checks.whole_seed(seed), checks.folder(out)
+    if watch is not None and not callable(watch):
+        raise UserError(f"watch: is {watch!r:.60}; give a function of (state, mode, detections)")
     chosen = load_scenario(scenario)
     spec = None
     if strategy is not None:
@@ -77,7 +79,7 @@ def run(
             flying,
             vehicle_waits=flying is not None and flying.truth is not None,
             make_camera=None if camera is None else parts.camera_maker(camera, chosen),
-            detector=None if detector is None else parts.part_of("detector", detector, chosen),
+            detector=None if detector is None else parts.detector_of(detector, chosen),
             strategy=spec,
             watch=_watched(show, plan_scenario(chosen)[1].time_s, watch),
             film=True,

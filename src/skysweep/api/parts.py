@@ -35,6 +35,18 @@ def strategy_of(given: StrategyLike) -> tuple[str, StrategySpec]:
     return name_of(given), spec_of(given)
 
 
+def detector_of(given: Detector | Callable[[Scenario], Detector], scenario: Scenario) -> Detector:
+    """The given detector, or the one that is made. Raises UserError where it knows no searched class."""
+    detector = part_of("detector", given, scenario)
+    known, searched = tuple(detector.class_names), scenario.target_classes
+    if searched and not set(known).intersection(searched):
+        raise UserError(
+            f"detector: {type(detector).__name__} knows the classes {', '.join(known) or 'none'}, and the "
+            f"mission searches for {', '.join(searched)}; write one of these in its class_names"
+        )
+    return detector
+
+
 def camera_maker(given: CameraLike, scenario: Scenario) -> Callable[[worlds.World, Truth], Camera]:
     """A function that returns the given camera, or makes one from scenario, world and truth."""
 

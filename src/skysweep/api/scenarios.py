@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from skysweep.errors import UserError
 from skysweep.files.models import validated
 from skysweep.scenarios import files
-from skysweep.scenarios.model import Scenario
+from skysweep.scenarios.model import Model, Scenario
 
 ScenarioLike: TypeAlias = Scenario | str | Path  # itself, its name, or the path of its file
 
@@ -47,9 +47,16 @@ def make_scenario(**fields: Any) -> Scenario:
 def change_scenario(scenario: ScenarioLike, changes: Mapping[str, Any]) -> Scenario:
     """A copy with other values at dotted fields, such as ``{"search.n_c": 3}``.
 
-    Raises UserError if a field is unknown, or the result is no valid scenario.
+    A dict changes the fields of a section that it names, as ``{"search": {"n_c": 3}}``; ``area``, a list or
+    an object is changed as a whole. Raises UserError if a field is unknown or written twice, or the result is
+    no valid scenario.
     """
-    return files.change_scenario(load_scenario(scenario), {k: _plain(v) for k, v in changes.items()})
+    if not isinstance(changes, Mapping):
+        raise UserError(
+            f"changes: is {changes!r:.60}; write a dict of dotted fields, such as {{'search.n_c': 3}}"
+        )
+    given = {k: v if isinstance(v, Model) else _plain(v) for k, v in changes.items()}
+    return files.change_scenario(load_scenario(scenario), files.with_nulls(given))
 
 
 def _plain(value: Any) -> Any:

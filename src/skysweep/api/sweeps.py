@@ -31,7 +31,8 @@ from skysweep.strategies.given import leads_back
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
-_CELL = ("scenario", "strategy", "seed")  # and the parameters: two missions of a pair share them
+_WORLD = ("scenario", "seed")
+_CELL = (*_WORLD, "strategy")  # and the parameters: two missions of a pair share them
 
 
 def sweep(
@@ -48,8 +49,8 @@ def sweep(
     """Fly every scenario with every strategy, combination of parameters and seed; a row a mission.
 
     Columns are scenario, strategy, seed, sensor, param.FIELD of each parameter, and the numbers of
-    summary.json (docs/results.md). ``error`` says why a mission failed; its numbers are null. The frame is
-    polars'; ``.to_pandas()`` converts it if pandas and pyarrow are installed.
+    summary.json (docs/results.md) that docs/sweeps.md lists. ``error`` says why a mission failed; its numbers
+    are null. The frame is polars'; ``.to_pandas()`` converts it if pandas and pyarrow are installed.
 
     Args:
         scenarios: one or several, each a name, a path or a ``Scenario``.
@@ -68,6 +69,8 @@ def sweep(
     """
     if not isinstance(workers, int) or workers < 1:
         raise UserError(f"workers: is {workers!r:.60}; write how many processes, 1 or more")
+    if out is not None and not (isinstance(out, str | os.PathLike) and os.fspath(out)):
+        raise UserError(f"out: is {out!r:.60}; write a folder or a URL, or leave it out")
     lasting = workers > 1 or out is not None
     names = None if strategies is None else [_name_of(s, lasting) for s in _several(strategies)]
     chosen = [load_scenario(s) for s in _several(scenarios)]
@@ -84,6 +87,7 @@ def sweep(
             }
         ),
         "sweep",
+        Path.cwd(),
     )
     engine: Engine = InThisProcess() if workers == 1 else LocalEngine(workers)
     place = os.fspath(out) if out is not None else f"memory://{uuid.uuid4().hex}"
@@ -124,30 +128,44 @@ def estimate(values: ArrayLike | pl.Series) -> Estimate:
 def compare(missions: pl.DataFrame, metric: str, first: str, second: str, by: str = "strategy") -> PairedTest:
     """How much larger ``metric`` is in missions with ``first`` in the column ``by`` than with ``second``.
 
-    Missions are paired by scenario, seed and all parameters; pairs with a missing number are ignored. The
-    mean difference has a 95 % bootstrap interval (BCa), p is Wilcoxon's. Raises UserError if there is no such
-    column or value, or pairs are ambiguous or missing.
+    Missions are paired by scenario, strategy, seed and all parameters, except for ``by``; pairs with a
+    missing number are ignored. Only the seeds of a scenario are independent: its pairs with the same seed
+    count as one, by the mean of their differences. ``n_pairs`` is the number of these. The mean difference
+    has a 95 % bootstrap interval (BCa), p is Wilcoxon's. Raises UserError if there is no such column or
+    value, or pairs are ambiguous or missing.
     """
-    for column in (metric, by):
+    if not isinstance(missions, pl.DataFrame):
+        raise UserError(f"missions: is a {type(missions).__name__}; give the table that sweep returns")
+    for column in (metric, by, "seed"):
         if column not in missions.columns:
             raise UserError(f"{column}: is no column; write one of {', '.join(missions.columns)}")
-    if not missions[metric].dtype.is_numeric():
-        raise UserError(f"{metric}: is no number; compare one such as mission_time_s")
+    if not missions[metric].dtype.is_numeric() or missions[metric].cast(float).is_infinite().any():
+        raise UserError(f"{metric}: is no number, or infinite; compare one such as mission_time_s")
+    pairs = _pairs(missions, metric, first, second, by)
+    worlds = [column for column in _WORLD if column in pairs.columns]
+    difference = (pl.col("a") - pl.col("b")).mean()
+    means = pairs.group_by(worlds, maintain_order=True).agg(difference=difference)["difference"].to_numpy()
+    noise = 1e-12 * float(np.abs(pairs.select("a", "b").to_numpy()).max())
+    return statistics.paired_tests(np.where(np.abs(means) > noise, means, 0.0)[:, None])[0]
+
+
+def _pairs(missions: pl.DataFrame, metric: str, first: str, second: str, by: str) -> pl.DataFrame:
+    """The pairs of missions that ``compare`` means, with both numbers, ``a`` and ``b``."""
     cell = [c for c in missions.columns if c != by and (c in _CELL or c.startswith("param."))]
     sides = []
-    for value in (first, second):
-        side = missions.filter(pl.col(by) == value).select(*cell, metric)
-        if side.is_empty():
+    for value, side in ((first, "a"), (second, "b")):
+        found = missions.filter([held == value for held in missions[by]])
+        if found.is_empty():
             known = ", ".join(str(v) for v in missions[by].unique(maintain_order=True))
             raise UserError(f"{value}: no mission has this {by}; write one of {known}")
-        if side.select(cell).is_duplicated().any():
+        if found.select(cell).is_duplicated().any():
             raise UserError(f"{value}: several missions have the same seed; keep one of each in the table")
-        sides.append(side)
+        sides.append(found.select(*cell, pl.col(metric).cast(float).fill_nan(None).alias(side)))
     pairs = sides[0].join(sides[1], on=cell, how="inner", nulls_equal=True, maintain_order="left")
-    difference = (pairs[metric] - pairs[f"{metric}_right"]).drop_nulls().to_numpy().astype(float)
-    if not len(difference):
+    pairs = pairs.drop_nulls(["a", "b"])
+    if pairs.is_empty():
         raise UserError(f"{metric}: no mission with {first} has a partner with {second}")
-    return statistics.paired_tests(difference[:, None])[0]
+    return pairs
 
 
 class InThisProcess:

@@ -199,7 +199,8 @@ class _Operator:
         self._word: str | None = None
         self._presses = 0
         self._taken, self._waits = False, False  # by somebody else; on the ground for a battery
-        self._shown_s = 0.0  # when one of them began
+        self._held = False  # because it is ours again without a word
+        self._shown_s = 0.0  # when one of them began or ended
         self._before: Any = None
 
     @property
@@ -214,21 +215,23 @@ class _Operator:
     def __call__(self) -> Order | None:
         from skysweep.mission.orders import CONTINUE, TAKE_BACK, Order
 
-        if enter_pressed():
-            was_read = time.monotonic() - self._shown_s > _READ_S
-            if self._taken and was_read:
+        asks = self._taken or self._waits or self._held
+        if enter_pressed() and (not asks or time.monotonic() - self._shown_s > _READ_S):
+            if self._taken:
                 self._presses, self._word = 0, TAKE_BACK
-            elif not self._taken and (self._presses == 1 or (self._waits and was_read)):
+            elif self._waits or self._presses == 1:
                 self._presses, self._word = 0, CONTINUE
         word, self._word = self._word, None
         return None if word is None else Order(word)
 
     def look(self, state: VehicleState, mode: Mode) -> None:
         """Take note of a state. Raises UserError if the vehicle waits for a word that cannot be said here."""
-        taken, waits = bool(state.taken_over), mode == "SWAP"
-        if (taken and not self._taken) or (waits and not self._waits):
+        taken, waits, held = bool(state.taken_over), mode == "SWAP", bool(state.waits)
+        if (taken, waits, held) != (self._taken, self._waits, self._held):
             self._shown_s = time.monotonic()
-        self._taken, self._waits = taken, waits
+        if held and not self._held:
+            self._presses = max(self._presses, 1)
+        self._taken, self._waits, self._held = taken, waits, held
         if waits and not self._live and not has_keyboard():
             raise UserError(
                 "the vehicle has landed for another battery, and there is no keyboard to say that it was "

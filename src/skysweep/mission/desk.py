@@ -50,7 +50,7 @@ class Desk:
     def _do(self, order: Order, phase: Phase, state: VehicleState, altitude_agl_m: float) -> None:
         why = ""
         if order.word in STEERING:
-            self._guard.heed(CONTINUE if order.word == TAKE_BACK else order.word)
+            self._steer(order.word, state)
         elif order.word in VERDICTS:
             why = self._decide(order, state.time_s)
         elif order.word == LOOK:
@@ -61,6 +61,17 @@ class Desk:
             words = ", ".join((*STEERING, *VERDICTS))
             why = f"There is no order '{order.word}'; write {words} or {LOOK}."
         self._refuse(state.time_s, why)
+
+    def _steer(self, word: str, state: VehicleState) -> None:
+        """Give a word to the guard. The wait for a battery ends with a ``continue`` that can be followed."""
+        waits = self._guard.waits_for_battery
+        if waits and word == TAKE_BACK:
+            return
+        why = self._guard.refuses_take_off(state) if waits and word == CONTINUE else ""
+        if why:
+            self._notes.stays_down(state.time_s, why)
+        else:
+            self._guard.heed(CONTINUE if word == TAKE_BACK else word)
 
     def _decide(self, order: Order, time_s: float) -> str:
         candidate = self._m.tracker.candidates().get(order.candidate_id or 0)

@@ -35,7 +35,7 @@ from skysweep.mission.safety import (
     Phase,
     not_finite,
 )
-from skysweep.planning.flight_plan import POSITION_GAIN, landing_time_s
+from skysweep.planning.flight_plan import CHARGED, POSITION_GAIN, landing_time_s
 from skysweep.planning.following import LOOK_AHEAD_S, Planned
 from skysweep.scenarios.model import ALTITUDE_TOLERANCE_M
 from skysweep.strategies.failures import failure_words
@@ -65,6 +65,7 @@ _HOME_ACCEPTANCE_M = 1.0
 _TAKE_OFF_LONGEST_S = 60.0  # and twice the climb
 _LANDING_LONGEST_S = 60.0  # and twice the way down
 _LANDING_ORDERS = 3
+_STANDS_MPS = 0.5  # vertically: what moves faster has not landed
 _CLIMBS_MPS = 1.0  # horizontally
 _DISPLACED_M = 10.0  # by somebody else, or by what the autopilot did while the link was lost
 _BACK_M = 2.0
@@ -72,6 +73,7 @@ _AT_HOME_M = 20.0  # near enough to change the battery
 _LONGEST_WAIT_S = 600.0  # of a simulated vehicle, on the ground
 _REFUSED_LONGEST_S = 10.0  # without a waypoint that is flown to
 _REFUSALS_TOLD = 5  # one after the other
+_BROKEN_OFF = "broken off"  # why a sortie ended in which our program did
 _ALL_WELL = Alarm(Action.CONTINUE, "completed", "")
 
 
@@ -142,7 +144,7 @@ class Flight:
         self._seen_until_enu_m: F64 | None = None  # flown back to before that place, after a sortie
         self._sortie = 1 + sum(line["kind"] == NEXT_SORTIE for line in before)
         self._begun_wh = 0.0  # used before this sortie
-        self._gets_on = False  # whether the search was gone on with in this sortie
+        self._gets_on = any(r.get("mode") in SEARCHING for r in _of_sortie(before))  # in this sortie
         self._transits = False  # to where the sortie before has left the search
         self._was_away = bool(before)  # since the strategy's last step: home, or where somebody else flew it
         self.end_reason: str | None = None
@@ -195,8 +197,10 @@ class Flight:
             self._desk.resume(self._before, state, self._altitude_agl_m(state))
         else:
             self._notes.start(self._m)
+        stood = not self._m.vehicle.state().airborne
         self._m.vehicle.takeoff(self._m.cover_altitude_agl_m)
-        self._resume_between_sorties()
+        if self._has_changed_battery(stood):
+            self._resume_between_sorties()
         while True:
             end = yield from self._climb()
             if end is _ALL_WELL:
@@ -346,7 +350,7 @@ class Flight:
         altitude_m, sinks_mps = self._altitude_agl_m(state), self._m.scenario.vehicle.descent_speed_mps
         longest_s = _LANDING_LONGEST_S + 2.0 * landing_time_s(max(0.0, altitude_m), sinks_mps)
         ordered_s, orders, waits = state.time_s, 1, False
-        while state.airborne:
+        while state.airborne or abs(state.velocity_enu_mps.item(2)) > _STANDS_MPS:
             alarm = self._look_after(state, Phase.LAND)
             if alarm.cause == LOST:
                 return alarm
@@ -379,13 +383,27 @@ class Flight:
         is_wanted = not self._guard.calls_home
         return is_wanted and self._sortie < self._m.scenario.vehicle.batteries
 
+    def _has_changed_battery(self, stood: bool) -> bool:
+        """Whether an interrupted mission has gone on with another battery.
+
+        It landed for one, or it stood, and has a charged one after a flight that ended, untold, with less.
+        """
+        lines, left = _of_sortie(self._before), self._m.vehicle.state().battery_remaining
+        if any(line["kind"] == SORTIE for line in lines):
+            return True
+        told = [r["battery"] for r in lines if isinstance(r.get("battery"), float)]
+        is_another = bool(told) and told[-1] < CHARGED <= left
+        if not (stood and is_another and self._has_another_battery):
+            return False
+        used_wh = (max(told) - told[-1]) * self._m.scenario.vehicle.battery_wh
+        self._notes.sortie(lines[-1]["t"], told[-1], self._sortie, _BROKEN_OFF, used_wh)
+        return True
+
     def _resume_between_sorties(self) -> None:
-        """Begin the next sortie of a mission that was interrupted on the ground between two of them."""
-        kinds = [line["kind"] for line in self._before if line["kind"] in (SORTIE, NEXT_SORTIE)]
-        if kinds[-1:] == [SORTIE]:
-            searched = (r for r in reversed(self._before) if r.get("mode") in SEARCHING)
-            self._left_enu_m = next((np.array(r["p"]) for r in searched), self._left_enu_m)
-            self._begin_sortie()
+        """Begin the next sortie of a mission that was interrupted between two of them."""
+        searched = (r for r in reversed(self._before) if r.get("mode") in SEARCHING)
+        self._left_enu_m = next((np.array(r["p"]) for r in searched), self._left_enu_m)
+        self._begin_sortie()
 
     def _leave_for_battery(self) -> None:
         """Keep in mind from where on the ground was perhaps not looked at."""
@@ -406,7 +424,8 @@ class Flight:
             sentence = f"It landed {away_m:.0f} m from home, where nobody changes its battery."
             self._notes.safety(state.time_s, Alarm(Action.CONTINUE, BATTERY_CHANGE, sentence))
             return end
-        self._notes.sortie(state, self._sortie, end.cause, state.energy_used_wh - self._begun_wh)
+        used_wh = state.energy_used_wh - self._begun_wh
+        self._notes.sortie(state.time_s, state.battery_remaining, self._sortie, end.cause, used_wh)
         self._snapshot(state.time_s)
         self._mode, self._sent = Mode.SWAP, None
         landed_s, is_changed = state.time_s, False
@@ -417,8 +436,8 @@ class Flight:
             alarm = self._look_after(state, Phase.SWAP)
             if alarm.action in (Action.RETURN, Action.LAND):
                 return alarm
-            if alarm.action is Action.KEEP_OUT and m.change_battery is None:
-                guard.wait_for_battery()  # a person who gives it back says nothing of its battery
+            if alarm.action >= Action.HOLD and m.change_battery is None:
+                guard.wait_for_battery()  # no word lasts beyond what keeps it down
             if alarm.action < Action.HOLD:
                 if m.change_battery is None:
                     is_changed = self._takes_off_for_a_person(state)
@@ -435,18 +454,13 @@ class Flight:
 
     def _takes_off_for_a_person(self, state: VehicleState) -> bool:
         """Whether the vehicle takes off with the battery that a person has put in."""
-        why = self._guard.refuses_battery(state)
-        if not why:
-            try:
-                self._m.vehicle.takeoff(self._m.cover_altitude_agl_m)
-                return True
-            except UserError as error:
-                if self._m.vehicle.state().airborne:
-                    raise
-                why = f"No take-off: {error}."
-        self._notes.safety(
-            state.time_s, Alarm(Action.HOLD, BATTERY_CHANGE, f"{why} Say continue when it is ready.")
-        )
+        try:
+            self._m.vehicle.takeoff(self._m.cover_altitude_agl_m)
+            return True
+        except UserError as error:
+            if self._m.vehicle.state().airborne:
+                raise
+            self._notes.stays_down(state.time_s, f"No take-off: {error}.")
         self._guard.wait_for_battery()
         self._next_check_s = -math.inf
         return False
@@ -811,6 +825,12 @@ def fly(
         for tick in flight:
             watch(*tick)
     return str(flight.end_reason)
+
+
+def _of_sortie(lines: Sequence[Mapping[str, Any]]) -> Sequence[Mapping[str, Any]]:
+    """The lines of a journal that belong to its last sortie."""
+    begun = [k for k, line in enumerate(lines) if line["kind"] == NEXT_SORTIE]
+    return lines[begun[-1] :] if begun else lines
 
 
 def _not_down(after_s: float, given_up: bool) -> Alarm:

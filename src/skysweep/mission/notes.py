@@ -12,7 +12,7 @@ from skysweep.arrays import F64
 from skysweep.mission.journal import Journal
 from skysweep.mission.mission import Mission
 from skysweep.mission.orders import ORDER
-from skysweep.mission.safety import OUTSIDE, OVER, Action, Alarm
+from skysweep.mission.safety import BATTERY_CHANGE, OUTSIDE, OVER, Action, Alarm
 from skysweep.mission.witness import Witness
 from skysweep.types import (
     SETTLING,
@@ -185,6 +185,10 @@ class Notes:
             time_s, "safety", cause=alarm.cause, action=alarm.action.name, sentence=alarm.sentence
         )
 
+    def stays_down(self, time_s: float, why: str) -> None:
+        """Why the vehicle does not take off at a person's word, which has to be said again."""
+        self.safety(time_s, Alarm(Action.HOLD, BATTERY_CHANGE, f"{why} Say continue when it is ready."))
+
     def left_behind(
         self, time_s: float, why: str, candidates: dict[int, Candidate], blind: tuple[tuple[XY, XY], ...]
     ) -> None:
@@ -220,11 +224,9 @@ class Notes:
             self._journal.write(time_s, "landed")
         self._journal.write(time_s, "end", reason=reason)
 
-    def sortie(self, state: VehicleState, number: int, why: str, energy_wh: float) -> None:
+    def sortie(self, time_s: float, battery: float, number: int, why: str, energy_wh: float) -> None:
         """A sortie, but for the last one, has landed for another battery; what it used of its own."""
-        self._journal.write(
-            state.time_s, SORTIE, number=number, why=why, battery=state.battery_remaining, energy_wh=energy_wh
-        )
+        self._journal.write(time_s, SORTIE, number=number, why=why, battery=battery, energy_wh=energy_wh)
 
     def next_sortie(self, state: VehicleState, number: int) -> None:
         """Another sortie takes off."""

@@ -39,6 +39,8 @@ _GROUND_M = 2.0
 _SIGMAS = 3.0  # of the position error
 _BEAM = 0.05  # half the width of a rangefinder's beam over its length
 _LONGEST_STEP_S = 2.0  # over which the mean velocity predicts a movement
+_ACCELERATES_MPS2 = 9.81  # at most: at a tilt of 45 degrees
+_CLIMBS_MPS = 3.0  # a PX4 on its own way home
 _MOVED_M = 3.0  # a waypoint that moves less is the same one
 _NO_JUMP = (0.0, 0.0, 0.0)
 
@@ -63,7 +65,7 @@ OVER = {
     "gimbal": "The camera points where it is told again.",
     "height": "The rangefinder agrees with the height again.",
     "operator": "The operator's hold is over.",
-    "taken over": "The vehicle was handed back.",
+    "taken over": "The vehicle is the mission's again.",
     BATTERY_CHANGE: "The wait for another battery is over.",
 }  # sentences for when a cause has cleared
 
@@ -125,9 +127,13 @@ class Guard:
         self._fence, self._energy, self._looks = fence, energy, looks
         self._since: dict[str, float] = {}
         self._word: str | None = None
-        self._waits_for_battery = False  # for a person's word that it was changed
+        self._hold, self._waited = _HELD, False  # why it holds; whether the vehicle waited for a word
+        self.waits_for_battery = False  # for a person's word that it was changed
         self._last: tuple[float, _XYZ, _XYZ] | None = None  # time, position, velocity
         self._jumped_m = _NO_JUMP
+        self._fastest_mps = self._limits.air_speed_max_mps + self._limits.wind_max_mps
+        vehicle = scenario.vehicle
+        self._fastest_up_mps = max(vehicle.climb_speed_mps, vehicle.descent_speed_mps, _CLIMBS_MPS)
         self._charge = Charge(energy, scenario.vehicle.battery_wh)
         self._endurance_s = 3600.0 * scenario.vehicle.battery_wh / scenario.vehicle.hover_power_w
         self._homeward, self._progress = Progress(), Progress()
@@ -158,6 +164,7 @@ class Guard:
         now_s = state.time_s + state.silent_s
         self._add_up_jumps(state)
         self._note_pitch(state, goal)
+        self._wait_for_word(state)
         if phase is Phase.SEARCH and self._is_calm(state, altitude_agl_m):
             return ()
         if phase is Phase.LAND:
@@ -219,7 +226,7 @@ class Guard:
         self._x, self._y, self._z = x, y, z
         limits = self._limits
         return (
-            bool(state.taken_over)
+            bool(state.taken_over or state.waits)
             or step_m > limits.position_jump_m
             or state.silent_s > limits.link_hold_s
             or not state.position_std_m <= limits.position_std_max_m
@@ -229,8 +236,8 @@ class Guard:
     def heed(self, word: str | None) -> None:
         """Obey the operator: hold, continue, return; None is nothing new."""
         if word is not None:
-            self._word = None if word == "continue" else word
-            self._waits_for_battery = False
+            self._word, self._hold = None if word == "continue" else word, _HELD
+            self.waits_for_battery = self.waits_for_battery and word == "hold"
 
     @property
     def calls_home(self) -> bool:
@@ -240,10 +247,16 @@ class Guard:
     def wait_for_battery(self) -> None:
         """Stay on the ground until the operator says that the battery was changed, or ends the mission."""
         if not self.calls_home:
-            self._word, self._waits_for_battery = "hold", True
+            self._word, self.waits_for_battery = "hold", True
 
-    def refuses_battery(self, state: VehicleState) -> str:
-        """Why not to take off with the battery that is in now; empty if it is good for a sortie."""
+    def refuses_take_off(self, state: VehicleState) -> str:
+        """Why not to take off now, with the battery that is in; empty if nothing is against it."""
+        if state.taken_over or state.airborne:
+            return "Somebody else flies the vehicle: take it back first."
+        keeps = next(self._keeps_down(state, state.time_s + state.silent_s), None)
+        return self._refuses_battery(state) if keeps is None else keeps.sentence
+
+    def _refuses_battery(self, state: VehicleState) -> str:
         left = state.battery_remaining
         if math.isnan(left):
             agreed = self._limits.battery_estimated and not self._charge.was_said
@@ -594,11 +607,15 @@ class Guard:
         yield from self._rate()
         if self._word == "return":
             yield Alarm(Action.RETURN, "operator", "The operator ends the mission on the ground.")
-        if self._waits_for_battery:
+        if self.waits_for_battery:
             sentence = "It waits on the ground: change the battery, then say continue."
             yield Alarm(Action.HOLD, BATTERY_CHANGE, sentence)
         elif self._word == "hold":
             yield _HELD
+        yield from self._keeps_down(state, now_s)
+
+    def _keeps_down(self, state: VehicleState, now_s: float) -> Iterator[Alarm]:
+        """What is against a take-off, whatever the operator says."""
         silent = state.silent_s > self._limits.link_hold_s
         self._lasting_s("telemetry silent", silent, now_s)
         if silent:
@@ -614,11 +631,17 @@ class Guard:
             sentence = f"The landing takes {needed_wh:.1f} Wh and the battery is at {left:.0%}: landing now."
             yield Alarm(Action.LAND, "landing energy", sentence)
 
+    def _wait_for_word(self, state: VehicleState) -> None:
+        """A vehicle that is ours again without a word is held as by the operator, who may have said more."""
+        if state.waits and not self._waited and self._word is None:
+            self._word, self._hold = "hold", Alarm(Action.HOLD, "taken over", state.waits)
+        self._waited = bool(state.waits)
+
     def _held(self, asks: list[Alarm]) -> list[Alarm]:
-        """The operator's hold, or the battery's demand, which ends it."""
+        """The hold, or the battery's demand, which ends it."""
         if asks:
             self._word = None
-        return asks or [_HELD]
+        return asks or [self._hold]
 
     # ---- what it remembers ---------------------------------------------------------------------------
 
@@ -644,15 +667,28 @@ class Guard:
         vx, vy, vz = state.velocity_enu_mps.tolist()
         if self._last is not None:
             t0, (x0, y0, z0), (vx0, vy0, vz0) = self._last
-            mean_s = 0.5 * (state.time_s - t0)
+            step_s = state.time_s - t0
+            mean_s = 0.5 * step_s
             jump = x - x0 - mean_s * (vx + vx0), y - y0 - mean_s * (vy + vy0), z - z0 - mean_s * (vz + vz0)
-            steady = 0.0 <= state.time_s - t0 <= _LONGEST_STEP_S
+            aside_m = max(0.0, math.hypot(*jump[:2]) - _strays_m(step_s, self._fastest_mps))
+            up_or_down_m = max(0.0, abs(jump[2]) - _strays_m(step_s, self._fastest_up_mps))
             least_m = 0.5 * self._limits.position_jump_m
-            if steady and math.hypot(*jump) > least_m:
+            if math.hypot(aside_m, up_or_down_m) > least_m:
                 east_m, north_m, up_m = self._jumped_m
                 jumped = east_m + jump[0], north_m + jump[1], up_m + jump[2]
                 self._jumped_m = jumped if math.hypot(*jumped) > least_m else _NO_JUMP
         self._last = (state.time_s, (x, y, z), (vx, vy, vz))
+
+
+def _strays_m(step_s: float, fastest_mps: float) -> float:
+    """How far a vehicle may get, in a gap of the link, from where its mean velocity leads.
+
+    It speeds up and slows down again, up to its top speed.
+    """
+    if step_s <= _LONGEST_STEP_S:
+        return 0.0
+    gains_mps = min(0.5 * _ACCELERATES_MPS2 * step_s, fastest_mps)
+    return gains_mps * (step_s - gains_mps / _ACCELERATES_MPS2)
 
 
 def _ground_slack_m(distance_m: float) -> float:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from functools import reduce
 from importlib import resources
@@ -19,10 +19,14 @@ from skysweep.files.models import validated
 from skysweep.files.plain_yaml import MAX_YAML_BYTES, dump_yaml, parse_fields
 from skysweep.files.reading import read_text_limited
 from skysweep.files.writing import replace_file
-from skysweep.scenarios.model import OWN_DETECTORS, Scenario
+from skysweep.scenarios.model import OWN_DETECTORS, Area, Model, Scenario
 
 _OURS = "shipped:"
 _OF_TERRAIN = ("dem", "land_cover", "orthophoto")
+_FILES = {
+    *("search.plan", "detector.model", "detector.statistical_model", "buildings_file", "roads_file"),
+    *(f"terrain.{field}" for field in _OF_TERRAIN),
+}
 
 
 def list_scenarios() -> list[str]:
@@ -61,6 +65,14 @@ def with_paths_beside(scenario: Scenario, folder: Path) -> Scenario:
     return scenario.model_copy(update={"search": search, "detector": detector, "terrain": terrain, **given})
 
 
+def value_beside(folder: Path, field: str, value: Any) -> Any:
+    """The value of a dotted field, resolved against ``folder`` where it is a relative path."""
+    is_name = value == NULL or (field == "detector.model" and not str(value).lower().endswith(".onnx"))
+    if field not in _FILES or not isinstance(value, str) or is_name:
+        return value
+    return str(_beside(folder, value))
+
+
 def ground_files(scenario: Scenario) -> dict[str, Path]:
     """The files that a scenario's ground is made from, by field."""
     return {
@@ -96,25 +108,55 @@ def parse_scenario(text: str, source: str, folder: Path = Path()) -> Scenario:
     return validated(Scenario, _with_area_read(fields, source, folder), source)
 
 
-def change_scenario(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
-    """A copy with other values at dotted fields, such as ``search.n_c``; ``area.file`` is read.
+def change_scenario(scenario: Scenario, changes: Mapping[str, Any], folder: Path = Path()) -> Scenario:
+    """A copy with other values at dotted fields, such as ``search.n_c``; ``folder`` has ``area.file``.
 
-    None leaves a field unchanged, ``NULL`` makes it null. Raises UserError if a field is unknown or the
-    result is no valid scenario.
+    None leaves a field unchanged, ``NULL`` makes it null. A mapping changes the fields of a section that it
+    names, but ``area``, a list or a model is changed as a whole. Raises UserError if a field is unknown or
+    written twice, or the result is no valid scenario.
     """
     data = scenario.model_dump(by_alias=True)
-    if changes.get("camera.kind", scenario.camera.kind) != scenario.camera.kind:
+    fields = _spelt_out(scenario, changes)
+    if fields.get("camera.kind", scenario.camera.kind) != scenario.camera.kind:
         _leave_open(data, scenario)
-    for dotted, value in changes.items():
-        if value is not None:
-            *parents, field = dotted.split(".")
-            try:
-                reduce(lambda node, key: node[key], parents, data)[field] = None if value == NULL else value
-            except (KeyError, TypeError):
-                raise UserError(
-                    f"{scenario.name}: {dotted}: there is no such field; see 'skysweep scenarios show'"
-                ) from None
-    return validated(Scenario, _with_area_read(data, scenario.name, Path()), scenario.name)
+    for dotted in sorted(fields, key=lambda dotted: dotted.count(".")):  # a whole section before its fields
+        *parents, field = dotted.split(".")
+        try:
+            reduce(lambda node, key: node[key], parents, data)[field] = fields[dotted]
+        except (KeyError, TypeError):
+            raise UserError(
+                f"{scenario.name}: {dotted}: there is no such field; see 'skysweep scenarios show'"
+            ) from None
+    return validated(Scenario, _with_area_read(data, scenario.name, folder), scenario.name)
+
+
+def with_nulls(changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Changes in which None makes a field null, as where users write them."""
+    return {field: NULL if value is None else value for field, value in changes.items()}
+
+
+def _spelt_out(scenario: Scenario, changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Plain values by dotted field, without those that change nothing."""
+    fields: dict[str, Any] = {}
+    for given, value in changes.items():
+        held: Any = scenario
+        for name in given.split("."):
+            held = getattr(held, name, None)
+        for dotted, each in _leaves(held, given, value) if value is not None else ():
+            if dotted in fields:
+                raise UserError(f"{scenario.name}: {dotted}: is written twice; keep one")
+            fields[dotted] = None if isinstance(each, str) and each == NULL else each
+    return fields
+
+
+def _leaves(held: Any, dotted: str, value: Any) -> Iterator[tuple[str, Any]]:
+    if isinstance(value, Model):
+        yield dotted, value.model_dump(by_alias=True)
+    elif isinstance(held, Model) and not isinstance(held, Area) and isinstance(value, Mapping):
+        for name, each in value.items():
+            yield from _leaves(getattr(held, str(name), None), f"{dotted}.{name}", each)
+    else:
+        yield dotted, value
 
 
 def _leave_open(data: dict[str, Any], scenario: Scenario) -> None:
@@ -134,8 +176,10 @@ def dump_scenario(scenario: Scenario) -> str:
 def write_scenario(scenario: Scenario, path: str | Path) -> Path:
     """Write the scenario to ``path``, whole or not at all, and return the path.
 
-    Raises UserError if the folder is missing or cannot be written to.
+    Raises UserError if it is no scenario, or the folder is missing or cannot be written to.
     """
+    if not isinstance(scenario, Scenario):
+        raise UserError(f"scenario: is {scenario!r:.60}; give a Scenario, as load_scenario returns")
     path = Path(os.path.expanduser(path))
     text = dump_scenario(scenario)
     try:

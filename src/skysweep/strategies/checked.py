@@ -38,7 +38,7 @@ _METHODS = ("step", "snapshot", "restore")
 _FARTHEST_M = 1e6  # of an event's place from home, along each axis
 
 
-def make_checked(make: Callable[[MissionContext], Any], where: str, context: MissionContext) -> Strategy:
+def make_checked(make: Callable[[MissionContext], Any], where: str, context: MissionContext) -> Checked:
     """A strategy whose answers are looked at; ``where`` begins the errors.
 
     Raises UserError where none can be made, or another one cannot go on from its snapshot: then no flight
@@ -78,11 +78,11 @@ class Checked:
     """
 
     def __init__(self, strategy: Strategy, where: str) -> None:
-        self._strategy, self._where = strategy, where
+        self.strategy, self._where = strategy, where
 
     def step(self, observation: Observation) -> Command:
         """What the strategy answers, in plain numbers. It cannot write into what the mission knows."""
-        command = self._call("step", self._strategy.step, _read_only(observation))
+        command = self._call("step", self.strategy.step, _read_only(observation))
         if not isinstance(command, Command):
             raise UserError(
                 f"{self._where}: step returned {command!r:.60}; return a Command(mode, waypoint, events)"
@@ -103,7 +103,7 @@ class Checked:
 
     def snapshot(self) -> dict[str, Any]:
         """The strategy's state, as it will be read from the journal."""
-        state = self._call("snapshot", self._strategy.snapshot)
+        state = self._call("snapshot", self.strategy.snapshot)
         if not isinstance(state, dict):
             raise UserError(f"{self._where}: snapshot returned {state!r:.60}; return a dict of plain data")
         try:
@@ -117,7 +117,7 @@ class Checked:
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Go on from a state that ``snapshot`` gave."""
-        self._call("restore", self._strategy.restore, snapshot)
+        self._call("restore", self.strategy.restore, snapshot)
 
     def _call(self, name: str, method: Callable[..., _Answer], *arguments: Any) -> _Answer:
         try:

@@ -3,7 +3,7 @@
 Either is a class, or a function, that makes a strategy of a ``MissionContext``. Its attribute
 ``cover_altitude_agl_m``, a function of the search, says from which altitude the area is covered; without one
 that is the scan altitude. Its attribute ``Parameters``, a pydantic model, says what ``search.parameters``
-may hold.
+may hold. A function has these attributes itself: those of what it makes come too late.
 """
 
 from __future__ import annotations
@@ -22,9 +22,11 @@ from pydantic import BaseModel
 
 from skysweep.errors import UserError
 from skysweep.scenarios.model import Search
-from skysweep.strategies.checked import make_checked, refuse_lacking
+from skysweep.strategies.checked import Checked, make_checked, refuse_lacking
+from skysweep.strategies.context import MissionContext
 from skysweep.strategies.spec import NoParameters, StrategySpec, scan_altitude_agl_m
 
+_ATTRIBUTES = ("cover_altitude_agl_m", "Parameters", "needs_sensor_model")
 _MAIN = "__main__"  # the module of notebooks and scripts
 _imported: dict[str, tuple[object, str]] = {}  # by module: one import of it, and its file's SHA-256 then
 
@@ -78,16 +80,16 @@ def spec_of(given: Any, where: str = "") -> StrategySpec:
         raise UserError(
             f"{where}: is {given!r:.60}; give a strategy's name, its class, or a function that makes one"
         )
-    cover: Callable[[Search], float] = getattr(given, "cover_altitude_agl_m", scan_altitude_agl_m)
+    cover: Callable[[Search], float] = _told(given, "cover_altitude_agl_m", scan_altitude_agl_m)
     if not callable(cover):
         raise UserError(
             f"{named}: its cover_altitude_agl_m is {cover!r:.60}; make it a function of the search that "
             "returns metres above ground"
         )
-    parameters = getattr(given, "Parameters", NoParameters)
+    parameters = _told(given, "Parameters", NoParameters)
     _refuse_odd_parameters(parameters, named)
-    needs_model = bool(getattr(given, "needs_sensor_model", False))
-    return StrategySpec(partial(make_checked, given, named), cover, parameters, needs_model)
+    needs_model = bool(_told(given, "needs_sensor_model", False))
+    return StrategySpec(partial(_make_as_told, given, named), cover, parameters, needs_model)
 
 
 def name_of(given: Any) -> str:
@@ -139,6 +141,26 @@ def sound_source(module_name: str, where: str) -> Path | None:
     elif then != now:
         raise UserError(f"{where}: {path} was changed since it was imported; restart Python to fly it")
     return path
+
+
+def _told(given: Any, attribute: str, default: Any) -> Any:
+    """An attribute of what makes strategies; a partial's is its function's."""
+    while isinstance(given, partial) and not hasattr(given, attribute):
+        given = given.func
+    return getattr(given, attribute, default)
+
+
+def _make_as_told(given: Callable[[MissionContext], Any], where: str, context: MissionContext) -> Checked:
+    """A strategy. Raises UserError where it has an attribute that was not found in what makes it."""
+    checked, missing = make_checked(given, where, context), object()
+    for attribute in _ATTRIBUTES:
+        if hasattr(checked.strategy, attribute) and _told(given, attribute, missing) is missing:
+            kind = type(checked.strategy).__name__
+            raise UserError(
+                f"{where}: makes a {kind}, whose {attribute} would be ignored; give the class {kind}, or "
+                "make it an attribute of what you give"
+            )
+    return checked
 
 
 def _refuse_odd_parameters(given: Any, where: str) -> None:

@@ -40,6 +40,7 @@ MIN_RECALL = 0.95
 MOST_LOST = 0.05  # greatest share of failed and unfinished missions of the best configuration
 MOST_CURVES = 6
 FEW_SEEDS = 20  # with fewer, bootstrap intervals are clearly too narrow (see docs/statistics.md)
+_ROUNDING = 1e-9  # a mean may miss a round number by its last bits
 _OBJECTIVES = (MISSION_TIME, RECALL, FALSE_POSITIVES)
 
 
@@ -203,7 +204,7 @@ def _tiers(
     flying = [k for k, member in enumerate(members) if member.flown.n]
     flying.sort(key=lambda k: members[k].mean(MISSION_TIME))
     whole = [k for k in flying if _lost_share(members[k].flown) <= MOST_LOST]
-    good = [k for k in whole if not members[k].mean(RECALL) < min_recall]
+    good = [k for k in whole if not members[k].mean(RECALL) < min_recall - _ROUNDING]
     if not good:
         return (tuple(sorted(flying, key=lambda k: -members[k].mean(RECALL))),), False
     thorough = not_worse(RECALL, good)

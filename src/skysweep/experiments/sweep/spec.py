@@ -9,7 +9,7 @@ import os
 from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import yaml
 from pydantic import Field, ValidationInfo, field_validator, model_validator
@@ -19,7 +19,15 @@ from skysweep.experiments.matrix import RESULTS_VERSION, Matrix
 from skysweep.files.models import leaf_fields, validated
 from skysweep.files.plain_yaml import MAX_YAML_BYTES, dump_yaml, parse_fields, parse_yaml
 from skysweep.files.reading import read_text_limited
-from skysweep.scenarios.files import change_scenario, dump_scenario, list_scenarios, load_scenario
+from skysweep.scenarios.files import (
+    change_scenario,
+    dump_scenario,
+    list_scenarios,
+    load_scenario,
+    value_beside,
+    with_nulls,
+    with_paths_beside,
+)
 from skysweep.scenarios.model import Model, Scenario
 from skysweep.strategies import strategy_spec
 from skysweep.strategies.fields import OWN, checked
@@ -29,6 +37,7 @@ MAX_SEED = 2**32 - 1
 
 Value = bool | int | Annotated[float, Field(allow_inf_nan=True)] | str
 Parameters = dict[str, Annotated[list[Value], Field(min_length=1)]]
+Part = TypeVar("Part", "SweepSpec", "StrategyChoice")
 Points = list[Annotated[dict[str, Value], Field(min_length=1)]]
 
 _WRITE = {
@@ -138,18 +147,19 @@ def load_spec(path: str | Path) -> SweepSpec:
     """The sweep in a file. Raises UserError where there is none, and as ``parse_spec``."""
     path = Path(os.path.expanduser(path))
     text = read_text_limited(path, MAX_YAML_BYTES)
-    return parse_spec(text, str(path), path.parent)
+    return parse_spec(text, str(path), path.parent.absolute())
 
 
 def parse_spec(text: str, source: str, folder: Path = Path()) -> SweepSpec:
     """The sweep in YAML text, with each scenario in full. ``source`` names it in errors.
 
+    Relative paths start at ``folder``, and are resolved in what is returned if ``folder`` is absolute.
     Raises UserError where the text is not YAML, or not a sweep that can be flown.
     """
     fields = parse_fields(text, source, "sweep", "name, scenarios, parameters, seeds")
     spec = validated(SweepSpec, fields, source, _WRITE)
     try:
-        spec = spec.model_copy(update={"scenarios": _written_out(spec, folder)})
+        spec = _with_values_beside(spec.model_copy(update={"scenarios": _written_out(spec, folder)}), folder)
         deque(scenarios_of(spec), maxlen=0)  # every combination can be flown
         return spec
     except UserError as error:
@@ -241,7 +251,7 @@ def _scenario(variant: Variant, folder: Path) -> Scenario:
         base = load_scenario(variant.scenario)
     else:
         base = load_scenario((folder / Path(os.path.expanduser(variant.scenario))).absolute())
-    return change_scenario(base, variant.changes)
+    return with_paths_beside(change_scenario(base, with_nulls(variant.changes), folder), folder)
 
 
 def _label(variant: Variant, scenario: Scenario) -> str:
@@ -259,6 +269,24 @@ def _written_out(spec: SweepSpec, folder: Path) -> list[Variant]:
         fields = parse_yaml(dump_scenario(scenario), label)
         whole[label] = Variant(scenario=fields, label=variant.label, set={})
     return list(whole.values())
+
+
+def _with_values_beside(spec: SweepSpec, folder: Path) -> SweepSpec:
+    """The sweep with the paths among its values resolved against ``folder``."""
+
+    def beside(part: Part) -> Part:
+        parameters, points = part.parameters, part.points
+        return part.model_copy(
+            update={
+                "parameters": parameters
+                and {f: [value_beside(folder, f, v) for v in values] for f, values in parameters.items()},
+                "points": points
+                and [{f: value_beside(folder, f, v) for f, v in point.items()} for point in points],
+            }
+        )
+
+    strategies = spec.strategies and [beside(strategy) for strategy in spec.strategies]
+    return beside(spec).model_copy(update={"strategies": strategies})
 
 
 def _check_field(field: str) -> None:

@@ -61,6 +61,7 @@ class Problem:
             **({"code of the strategy": codes} if any(codes) else {}),
             "ranges": {parameter.field: parameter.values for parameter in self.space},
             "seeds": self.seeds,
+            **({"seed": self.sampler_seed} if self.sampler_seed else {}),
             "min-recall": self.rules.min_recall,
             "false-positive-cost-s": self.rules.false_positive_cost_s,
             "version of skysweep": __version__,

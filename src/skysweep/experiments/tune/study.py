@@ -235,7 +235,7 @@ class TuningStudy:
         if known is None:
             self._study.set_user_attr("problem", told)
             return
-        other = [key for key in told if known.get(key) != told[key]]
+        other = [key for key in {**told, **known} if known.get(key) != told.get(key)]
         if other:
             raise UserError(
                 f"{hidden(self._storage)}: study '{name}' is of another problem (differs: "

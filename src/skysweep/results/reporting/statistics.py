@@ -187,13 +187,13 @@ def paired_tests(differences: F64) -> list[PairedTest]:
         tests.append(
             PairedTest(
                 n_pairs=n,
-                n_zero=int((column == 0).sum()),
+                n_zero=int((_without_noise(column) == 0).sum()),
                 mean=mean,
                 low=float(low[k]),
                 high=float(high[k]),
                 p=p,
                 rank_biserial=correlation,
-                cohens_dz=mean / std if std > 1e-12 * abs(mean) else math.nan,
+                cohens_dz=mean / std if std > 1e-9 * abs(mean) else math.nan,
             )
         )
     return tests
@@ -202,14 +202,15 @@ def paired_tests(differences: F64) -> list[PairedTest]:
 def signed_rank_test(differences: F64) -> tuple[float, float]:
     """Wilcoxon's two-sided p and the matched-pairs rank-biserial correlation of differences (n,).
 
-    Zeros are left out, and ties share their mean rank. Up to ``EXACT_UP_TO`` pairs p is exact, also with
-    ties: the share of all 2^n equally likely signs whose rank sum is at least this far from the middle.
-    Beyond, it is the normal approximation with the variance corrected for ties. Without any difference p is 1
-    and the correlation 0.
+    Zeros are left out, and ties share their mean rank; both are told from ten digits. Up to ``EXACT_UP_TO``
+    pairs p is exact, also with ties: the share of all 2^n equally likely signs whose rank sum is at least
+    this far from the middle. Beyond, it is the normal approximation with the variance corrected for ties.
+    Without any difference p is 1 and the correlation 0.
     """
     from scipy.stats import rankdata  # imported late: it takes half a second
 
-    kept = differences[differences != 0]
+    rounded = _without_noise(differences)
+    kept = rounded[rounded != 0]
     n = len(kept)
     if not n:
         return 1.0, 0.0
@@ -224,6 +225,14 @@ def signed_rank_test(differences: F64) -> tuple[float, float]:
     if smaller == round(total):
         return 1.0, correlation
     return min(1.0, 2 * float(_rank_sum_chances(doubled)[: smaller + 1].sum())), correlation
+
+
+def _without_noise(differences: F64) -> F64:
+    """In units of the largest one's tenth digit, rounded: as floats, 142.3 - 142.2 is not 141.9 - 141.8."""
+    largest = float(np.abs(differences).max(initial=0.0))
+    if not largest:
+        return differences
+    return np.asarray(np.rint(differences / 10.0 ** (math.floor(math.log10(largest)) - 9)))
 
 
 def _rank_sum_chances(ranks: NDArray[np.int64]) -> F64:
@@ -275,7 +284,7 @@ def pareto_front(costs: F64) -> NDArray[np.bool_]:
     A row dominates another when it is nowhere larger and somewhere smaller. Rows with NaN are not on the
     front and dominate none.
     """
-    costs = np.asarray(costs, dtype=float)
+    costs = _rounded_means(np.asarray(costs, dtype=float))
     known = np.flatnonzero(np.isfinite(costs).all(axis=1))
     front = np.zeros(len(costs), dtype=bool)
     front[known] = ~_dominated(costs[known][None])[0]
@@ -287,10 +296,14 @@ def front_shares(costs: F64) -> F64:
     n, members, objectives = costs.shape
     if n < 2:
         return np.full(members, np.nan)
-    means = resampled_means(costs.reshape(n, -1)).reshape(-1, members, objectives)
-    means = np.round(means, 9)  # equal members stay equal whatever the order of a sum
+    means = _rounded_means(resampled_means(costs.reshape(n, -1)).reshape(-1, members, objectives))
     dominated = [_dominated(means[block]) for block in _row_blocks(len(means), members**2)]
     return np.asarray(1.0 - np.concatenate(dominated).mean(axis=0))
+
+
+def _rounded_means(means: F64) -> F64:
+    """Equal ones stay equal whatever the order of a sum."""
+    return np.round(means, 9)
 
 
 def _dominated(costs: F64) -> NDArray[np.bool_]:

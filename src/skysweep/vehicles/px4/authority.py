@@ -19,6 +19,7 @@ RETURNS_S = 2.0  # until PX4 is back in Offboard after new setpoints
 _CATCH_UP_S = 1.0  # a delayed link delivers old messages first
 _CLOCK_SLACK_S = 0.3
 _RECENT_S = 10.0  # age of a warning that may be the reason
+_WAITS = "PX4 is in Offboard again, which nobody chose: the vehicle hovers until a person says continue."
 AUTO = 4  # PX4's main mode of Hold, Return and Land
 _NO_STICKS = {3: PX4Mode.RETURN, 4: PX4Mode.LAND, 5: PX4Mode.HOLD}  # COM_OBL_RC_ACT without a pilot
 _STICKS = {0: (3, 0), 1: (2, 0), 2: (7, 0)}  # COM_OBL_RC_ACT that hands over to a pilot
@@ -28,14 +29,16 @@ class FlightAuthority:
     """Decides whether setpoints may be sent and orders given.
 
     ``wanted`` is the mode that this program ordered; None: none yet. ``theirs`` says in words who flies the
-    vehicle instead. It stays until ``regain``: only a person gives the vehicle back.
+    vehicle instead. It stays until ``regain``: only a person gives the vehicle back. Where no person has
+    chosen a mode and PX4 flies our setpoints again by itself, nobody else flies it: ``waits`` says so, until
+    the mission knows what to do.
     """
 
     def __init__(self, link: PX4Link, telemetry: Telemetry, on_loss: int | None) -> None:
         self._link, self._told, self._on_loss = link, telemetry, on_loss
         self._lock = threading.RLock()
         self.wanted: PX4Mode | None = None
-        self.theirs = ""
+        self.theirs = self.waits = ""
         self._deaf = False
         self._heard_again_s = float("-inf")  # the end of the silence that was noticed last
         self._caught_up_s = float("-inf")  # when its messages were current again: older ones tell nothing
@@ -83,11 +86,13 @@ class FlightAuthority:
     def regain(self, mode: PX4Mode | None) -> None:
         """This program flies it from now on, and ordered ``mode``."""
         with self._lock:
-            self.wanted, self.theirs, self._not_followed_s, self._person = mode, "", None, False
+            self.wanted, self._not_followed_s, self._person = mode, None, False
+            self.theirs = self.waits = ""
 
     def keep_out(self, why: str = "") -> None:
-        """Somebody else flies it now."""
+        """Somebody else flies it now, or keeps it in Offboard against our order."""
         with self._lock:
+            self._person = self._person or self._told.flown == PX4Mode.OFFBOARD.value
             if why:
                 self.theirs = why
             else:
@@ -112,10 +117,20 @@ class FlightAuthority:
                     link.request(name)
             if told.mode_heard_s <= self._caught_up_s:
                 return False
-        self._person = self._person or (bool(self.theirs) and not self._is_left_to_px4())
         certain = self.wanted is None or bool(self.theirs) or self._judge(now_s)
         self._deaf = self._deaf and not certain
+        if self.theirs:
+            self._person = self._person or not (told.armed and self._is_left_to_px4())
+            self.waits = _WAITS if self._is_ours_again() else ""
+            self.theirs = "" if self.waits else self.theirs
         return certain
+
+    def _is_ours_again(self) -> bool:
+        """Whether PX4 flies our setpoints again, and no person did anything since it stopped to."""
+        told = self._told
+        is_flown = told.airborne and told.flown == PX4Mode.OFFBOARD.value
+        is_told = told.intended_heard_s > self._caught_up_s
+        return self.wanted is PX4Mode.OFFBOARD and is_flown and is_told and self.nobody_chose
 
     def _caught_up(self, now_s: float) -> bool:
         silence = self._told.silence

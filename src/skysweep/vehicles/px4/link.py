@@ -255,9 +255,13 @@ class PX4Link:
             f"the vehicle does not {what} ({timeout_s:g} s): {'; '.join(reasons) or 'acknowledged, not done'}"
         )
 
+    def answer_s(self, number: int) -> float:
+        """When the vehicle answered the newest command of a kind, by ``now_s``; inf if it did not."""
+        return self._results.get(number, (-1, math.inf))[1]
+
     def accepted_s(self, number: int) -> float:
-        """When the vehicle accepted the newest command of a kind, by ``now_s``; inf if it did not."""
-        result, said_s = self._results.get(number, (-1, 0.0))
+        """As ``answer_s``; inf also if it was refused."""
+        result, said_s = self._results.get(number, (-1, math.inf))
         return said_s if result == _ACCEPTED else math.inf
 
     def every(self, name: str, rate_hz: float) -> None:

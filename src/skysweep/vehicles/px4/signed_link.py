@@ -104,8 +104,9 @@ class SignedLink:
             self._hear_vehicle()
 
     def _hear_vehicle(self) -> None:
-        for _, frame in self._vehicle.read():
-            if self._signing.accepts(frame):
+        for message, frame in self._vehicle.read():
+            is_ours = _who(message) in self._voices  # sent back by somebody who has no key
+            if not is_ours and self._signing.accepts(frame):
                 self.accepted += 1
                 self._vehicle.trust()
                 self._program.sendto(frame, self._program_address)
@@ -118,7 +119,7 @@ class SignedLink:
             if sender != self._program_address:
                 continue
             for message, _ in self._from_program.read(datagram):
-                who = message.get_srcSystem(), message.get_srcComponent()
+                who = _who(message)
                 if who not in self._voices:
                     self._voices[who] = Voice(who[1], self._signing, who[0], self._link_id)
                 self._vehicle.write(self._voices[who].pack(message))
@@ -186,6 +187,11 @@ class _Serial(_Wire):
 
     def read(self) -> Iterator[tuple[Message, bytes]]:
         return self._frames.read(bytes(self._port.read(_READ_BYTES)))
+
+
+def _who(message: Message) -> tuple[int, int]:
+    """System and component that a frame names as its sender."""
+    return message.get_srcSystem(), message.get_srcComponent()
 
 
 def _open(url: str, timeout_s: float) -> _Wire:

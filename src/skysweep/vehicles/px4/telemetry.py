@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -26,9 +27,13 @@ _GIMBAL_TOLERANCE_RAD = 0.1
 _CAMERA_BELOW_M = 0.1  # as on the embedded vehicle
 _UNSAID_S = 10.0  # of telemetry without a battery message
 _RANGE_UNSAID_S = 1.0
+_ATTITUDE_UNSAID_S = 2.0  # of the vehicle and of its gimbal
 _LONGEST_STEP_S = 1.0  # between two positions; longer is a silence of the whole vehicle
 _LAWLESS_MPS = 100.0  # faster than any multicopter: a broken message
 _PACE_S = 1.0  # of telemetry that tells the pace of the vehicle's clock
+_JUMP_M = 5.0  # between two positions, beyond what the velocity explains
+_JUMP_SETTLES_S = 30.0  # longer than most jumps last
+_RESTARTED = 5  # positions of an earlier time, one after the other
 _STAMPS = 64  # of the newest positions: the same message may come over two ways
 _ALTERNATIONS, _ALTERNATING_S = 10, 5.0  # of two clocks, on the wall: more than a network's disorder
 _MODE_NAMES = {
@@ -85,7 +90,9 @@ class Telemetry:
         self.silence = Silence(-math.inf, -math.inf)  # the last one that has ended
         self._first: tuple[float, float] | None = None  # by both clocks, of the first position
         self._stamps = deque[float](maxlen=_STAMPS)
-        self._is_back = False  # the newest position was of an earlier time
+        self._back: list[float] = []  # the newest positions, by the vehicle's clock, if of an earlier time
+        self._jumped_s = self._attitude_s = -math.inf  # in vehicle time without silences: the newest of each
+        self._said_s: dict[str, float] = {}  # likewise
         self._alternations = deque[float](maxlen=_ALTERNATIONS)  # when its clock was the later one again
         self.flown: PxMode = (0, 0)
         self.intended: PxMode | None = None  # None: not reported
@@ -94,6 +101,8 @@ class Telemetry:
         link.on("CURRENT_MODE", self._take_mode)
         link.on("LOCAL_POSITION_NED", self._position)
         link.on("ATTITUDE_QUATERNION", self._attitude)
+        for name in ("ESTIMATOR_STATUS", "WIND_COV", "GIMBAL_DEVICE_ATTITUDE_STATUS"):
+            link.on(name, partial(self._note, name))
         link.on("BATTERY_STATUS", self._power)
         link.on("DISTANCE_SENSOR", self._distance)
 
@@ -160,22 +169,29 @@ class Telemetry:
 
     @property
     def position_std_m(self) -> float:
-        """Horizontal, 1 sigma; inf if the estimator has no position."""
-        status = self._link.newest("ESTIMATOR_STATUS")
-        if status is None:
+        """Horizontal, 1 sigma; inf if the estimator has no position, or it or the attitude falls silent."""
+        if self.has_attitude and self._heard_s - self._attitude_s > _ATTITUDE_UNSAID_S:
+            return math.inf
+        if self._link.newest("ESTIMATOR_STATUS") is None:
             return 0.0 if self.has_position else math.inf
-        accuracy = status.get("pos_horiz_accuracy")
-        if not status["flags"] & _POSITION_GOOD or accuracy is None:
+        status = self._recent("ESTIMATOR_STATUS", _UNSAID_S)
+        accuracy = None if status is None else status.get("pos_horiz_accuracy")
+        if status is None or not status["flags"] & _POSITION_GOOD or accuracy is None:
             return math.inf
         return float(accuracy)
 
     @property
     def wind_enu_mps(self) -> F64 | None:
         """(3,); None if it is not estimated."""
-        wind = self._link.newest("WIND_COV")
+        wind = self._recent("WIND_COV", _UNSAID_S)
         if wind is None or wind.get("wind_x") is None or wind.get("wind_y") is None:
             return None
         return enu_from_ned([wind["wind_x"], wind["wind_y"], wind.get("wind_z") or 0.0])
+
+    @property
+    def has_jumped(self) -> bool:
+        """Whether the position has jumped lately: its place may be a false one."""
+        return self._heard_s - self._jumped_s < _JUMP_SETTLES_S
 
     @property
     def home(self) -> Fields | None:
@@ -203,6 +219,14 @@ class Telemetry:
         """From now on another battery is used."""
         self._before_wh = self._used_wh
 
+    def _recent(self, name: str, longest_s: float) -> Fields | None:
+        """The last message of a kind; None if there is none, or an old one."""
+        is_old = self._heard_s - self._said_s.get(name, 0.0) > longest_s
+        return None if is_old else self._link.newest(name)
+
+    def _note(self, name: str, _said: Fields) -> None:
+        self._said_s[name] = self._heard_s
+
     def _take_mode(self, said: Fields) -> None:
         self.flown, self.mode_heard_s = _mode(said["custom_mode"]), self._link.now_s()
         intended = said.get("intended_custom_mode")  # not in HEARTBEAT
@@ -218,15 +242,19 @@ class Telemetry:
             return
         self._stamps.append(boot_s)
         if boot_s < self.boot_s:
-            self.restarted = self.restarted or boot_s < self.boot_s - 1.0
-            self._is_back = True
+            goes_on = self._back and boot_s > self._back[-1]
+            self._back = [*self._back, boot_s][-_RESTARTED:] if goes_on else [boot_s]
+            is_new = len(self._back) == _RESTARTED and boot_s < self.boot_s - 1.0
+            self.restarted = self.restarted or is_new
             return
-        if self._is_back:
+        if self._back:
             self._alternations.append(self._link.now_s())
-            self._is_back = False
+            self._back = []
         values = np.array(numbers, dtype=float)
         if np.abs(values[3:]).max() > _LAWLESS_MPS:
             return
+        if self._is_jump(boot_s - self.boot_s, values):
+            self._jumped_s = self._heard_s
         if boot_s > self.boot_s:
             now_s = self._link.now_s()
             self._heard_s += min(boot_s - self.boot_s, _LONGEST_STEP_S)
@@ -234,6 +262,11 @@ class Telemetry:
             self._moved_s = now_s  # last: who sees it has seen the silence before it
         self.boot_s, self.ned_m, self.velocity_ned_mps = boot_s, values[:3], values[3:]
         self.has_position = True
+
+    def _is_jump(self, step_s: float, values: F64) -> bool:
+        mean_mps = 0.5 * (self.velocity_ned_mps + values[3:])
+        away_m = float(np.linalg.norm(values[:3] - self.ned_m - step_s * mean_mps))
+        return self.has_position and step_s <= _LONGEST_STEP_S and away_m > _JUMP_M
 
     def _note_silence(self, now_s: float, boot_s: float) -> None:
         """Also one in which this program, or the computer and its clock, stood still."""
@@ -252,7 +285,7 @@ class Telemetry:
         R = _rotation([said.get(k) for k in ("q1", "q2", "q3", "q4")])
         if R is not None:
             self.R_body_to_enu = rotation_flu_to_enu(R)
-            self.has_attitude = True
+            self.has_attitude, self._attitude_s = True, self._heard_s
 
     def _power(self, said: Fields) -> None:
         """Energy from voltage and current, or from the charge if there is no current."""
@@ -299,7 +332,7 @@ class Telemetry:
 
     def _gimbal_to_its_frame(self) -> F64 | None:
         """(3, 3) from forward, right, down to north or nose, east or right, down."""
-        said = self._link.newest("GIMBAL_DEVICE_ATTITUDE_STATUS")
+        said = self._recent("GIMBAL_DEVICE_ATTITUDE_STATUS", _ATTITUDE_UNSAID_S)
         return None if said is None else _rotation(said.get("q") or [])
 
 

@@ -23,7 +23,7 @@ from skysweep.vehicles.mavlink.modes import PX4Mode, Site
 from skysweep.vehicles.px4.authority import FlightAuthority, is_free
 from skysweep.vehicles.px4.link import CONNECT_S, ORDER_S, PX4Link, message_id
 from skysweep.vehicles.px4.offboard import SetpointStream
-from skysweep.vehicles.px4.telemetry import SILENCE_S, Telemetry, mode_name
+from skysweep.vehicles.px4.telemetry import SILENCE_S, PxMode, Telemetry, mode_name
 
 Condition = Callable[[], bool]
 
@@ -45,18 +45,17 @@ _SPARED = (
 )  # fmt: skip
 _FAST = 1.5  # times real time: a simulator
 _HOLD_S = 3.0  # on the wall
-_TAKE_OFF_TRIES = 3
 _LEFT_GROUND_S = 30.0  # on the wall
-_SHOWS_S = 0.3  # on the wall, until an accepted mode is reported
+_SHOWS_S = 0.3  # on the wall, until what was accepted is reported
 _HELLO_S = 1.0
 _STREAM_FIRST_S = 0.2  # on the wall: PX4 needs setpoints before it enters Offboard
 _CHECKS_S = 1.5  # on the wall, for PX4's reasons not to arm
 _POSITION_GAIN = 0.95  # MPC_XY_P
-_BRAKES_MPS2 = 3.0  # deceleration into a hover
 _OFFBOARD_BELOW_M = 5.0  # the height of a take-off: there Offboard takes over
 _TWO = (
     "two vehicles with the system id {} answer, and both obey; switch one off, or give it another MAV_SYS_ID"
 )
+_DISARMED = "it was disarmed"
 _LEFT_OVER = (PX4Mode.OFFBOARD, PX4Mode.LAND, PX4Mode.RETURN, PX4Mode.MISSION, PX4Mode.TAKEOFF)
 
 
@@ -130,6 +129,7 @@ class Px4Vehicle:
             raise ValueError(f"a setpoint must be finite, not {setpoint.position_enu_m}")
         if self.authority.lost():
             return
+        self._end_wait()
         self._must_land = False
         self._offboard.aim(setpoint, self.site)
         pitch_rad = setpoint.gimbal_pitch_rad
@@ -182,17 +182,11 @@ class Px4Vehicle:
         if self._has_flown:
             self.telemetry.begin_battery()
             self.stand_by()
-        self._taking_off = True
-        for left in reversed(range(_TAKE_OFF_TRIES)):
-            self._arm()
-            self._start_clock()
-            self._level()
-            try:
-                self._order_take_off(altitude_agl_m)
-                break
-            except UserError:
-                if left == 0 or told.armed:
-                    raise
+        self._taking_off, before = True, told.flown
+        self._arm(before)
+        self._start_clock()
+        self._level()
+        self._order_take_off(altitude_agl_m, before)
         if not self.link.wait(lambda: told.airborne or self.authority.lost(), _LEFT_GROUND_S):
             raise UserError(f"the vehicle did not leave the ground in {_LEFT_GROUND_S:g} s; look after it")
         if not told.airborne:
@@ -205,6 +199,7 @@ class Px4Vehicle:
 
     def land(self) -> None:
         """Lets PX4 land here, a silent one once it is heard; does nothing while somebody else flies it."""
+        self._end_wait()
         self._must_land = not self.authority.lost()
         self._look_after_orders()
 
@@ -214,7 +209,7 @@ class Px4Vehicle:
         Does nothing if somebody else flies it, or nobody does.
         """
         if self.authority.wanted is PX4Mode.OFFBOARD and not self.authority.lost():
-            self._offboard.aim(self._stop_here(), self.site)
+            self._offboard.hover(self.site)
 
     def regain(self) -> None:
         """Hovers here after a person gave the vehicle back, unless PX4 refuses; on the ground, stands by."""
@@ -222,7 +217,7 @@ class Px4Vehicle:
             self.authority.regain(None)
         if self.authority.theirs and self.telemetry.airborne and self.authority.knows():
             self.authority.regain(None)
-            self._offboard.aim(self._stop_here(), self.site)
+            self._offboard.hover(self.site)
             try:
                 self._go_into_offboard(asked=True)
             except UserError as error:
@@ -394,26 +389,44 @@ class Px4Vehicle:
         if told.armed and not told.airborne:
             raise UserError("the vehicle is armed already: somebody is about to fly it; disarm it first")
 
-    def _arm(self) -> None:
-        if self.telemetry.armed:
-            return
+    def _arm(self, before: PxMode) -> None:
+        """Arms in the mode ``before``: once, unless the order was lost.
+
+        Raises UserError if the vehicle refuses, or if somebody disarms it or chooses another mode meanwhile.
+        """
+        told, link, number = self.telemetry, self.link, m.MAV_CMD_COMPONENT_ARM_DISARM
+        self._refuse_taken()
+
+        def was_lost(sent_s: float) -> bool:
+            unheard = link.answer_s(number) == math.inf and link.heard_s("HEARTBEAT") > sent_s
+            return unheard and self._knows_since(sent_s)
+
+        def disarmed() -> bool:
+            return not told.armed and link.heard_s("HEARTBEAT") > link.accepted_s(number) + _SHOWS_S
+
+        def changed() -> bool:
+            return told.flown != before
+
+        def accepted() -> bool:
+            return told.armed or link.accepted_s(number) < math.inf
+
         try:
-            self.link.order(
-                "arm",
-                m.MAV_CMD_COMPONENT_ARM_DISARM,
-                [1.0],
-                lambda: self.telemetry.armed,
-                may_repeat=self._knows_since,
-            )
+            link.order("arm", number, [1.0], accepted, given_up=changed, may_repeat=was_lost)
         except UserError as error:
             reasons = self.arming_checks()
             raise UserError(f"{error}; {'; '.join(reasons)}" if reasons else str(error)) from None
+        link.request("HEARTBEAT")
+        link.wait(lambda: told.armed or disarmed() or changed(), ORDER_S)
+        if changed() or not told.armed:
+            self.authority.keep_out(_DISARMED if disarmed() else "")
+            raise UserError(f"the vehicle does not take off: {self.authority.theirs}; look, and start again")
 
-    def _order_take_off(self, altitude_agl_m: float) -> None:
+    def _order_take_off(self, altitude_agl_m: float, before: PxMode) -> None:
         told, home = self.telemetry, self.telemetry.home or {}
         up_amsl_m = home["altitude"] * 1e-3 - (told.ned_m[2] - home["z"]) + altitude_agl_m
         params = (0.0, 0.0, 0.0, None, None, None, up_amsl_m)
-        self._order(PX4Mode.TAKEOFF, "take off", m.MAV_CMD_NAV_TAKEOFF, params, lambda: told.airborne)
+        number = m.MAV_CMD_NAV_TAKEOFF
+        self._order(PX4Mode.TAKEOFF, "take off", number, params, lambda: told.airborne, before=before)
 
     def _change_mode(
         self, mode: PX4Mode, what: str, or_else: Condition = lambda: False, timeout_s: float = ORDER_S
@@ -430,25 +443,33 @@ class Px4Vehicle:
         params: tuple[float | None, ...],
         or_else: Condition,
         timeout_s: float = ORDER_S,
+        before: PxMode | None = None,
     ) -> None:
-        """Orders the vehicle into a mode, unless it goes into another one meanwhile."""
-        told, before, begun_s = self.telemetry, self.telemetry.flown, self.link.now_s()
+        """Orders the vehicle into a mode, unless somebody disarms it or chooses another one than ``before``.
+
+        That is the mode at the beginning, if none is given.
+        """
+        told, begun_s = self.telemetry, self.link.now_s()
+        was_armed, was_in = told.armed, told.flown if before is None else before
 
         def done() -> bool:
             return told.flown == mode.value or or_else()
+
+        def disarmed() -> bool:
+            return was_armed and not told.armed and not or_else()
 
         def elsewhere() -> bool:
             if told.flown == mode.value:
                 return False
             undone = told.mode_heard_s > self.link.accepted_s(number) + _SHOWS_S and not or_else()
-            changed = told.flown != before and not self.authority.lost_us_since(begun_s)
-            return undone or changed or self.authority.lost()
+            changed = told.flown != was_in and not self.authority.lost_us_since(begun_s)
+            return undone or changed or disarmed() or self.authority.lost()
 
         if self.link.order(what, number, params, done, timeout_s, elsewhere, self._knows_since):
             self.authority.regain(mode)
             self._taking_off = mode is PX4Mode.TAKEOFF
         else:
-            self.authority.keep_out()
+            self.authority.keep_out(_DISARMED if disarmed() else "")
 
     def _knows_since(self, sent_s: float) -> bool:
         """Whether the vehicle has told its mode since then, and is heard: else somebody may have taken it."""
@@ -469,12 +490,18 @@ class Px4Vehicle:
                 self.link.wait(lambda: False, _STREAM_FIRST_S)
             self._change_mode(PX4Mode.OFFBOARD, "go into Offboard")
 
+    def _end_wait(self) -> None:
+        """The mission commands something, and knows that the vehicle waited."""
+        if self._state.waits:
+            self.authority.waits = ""
+
     def _look_after_orders(self) -> None:
         """Gives pending orders, unless somebody else flies the vehicle or it is silent."""
         authority, told = self.authority, self.telemetry
-        if authority.lost():
-            if told.flown != PX4Mode.OFFBOARD.value:  # in Offboard it keeps its place
-                self._offboard.aim(self._stop_here(), self.site)
+        if authority.lost() or authority.waits:
+            self._must_land = False
+            if not self._offboard.hovers:
+                self._offboard.hover(self.site)
             return
         if not authority.knows():
             return
@@ -517,14 +544,6 @@ class Px4Vehicle:
     def _ground_m(self, position_enu_m: F64) -> float:
         return float(self._ground_height_m(position_enu_m[None, :2])[0])
 
-    def _stop_here(self) -> Setpoint:
-        told = self.telemetry
-        velocity = enu_from_ned(told.velocity_ned_mps)
-        speed = math.hypot(velocity[0], velocity[1])
-        place = self.site.enu_from_ned(told.ned_m)
-        place[:2] += velocity[:2] * speed / (2.0 * _BRAKES_MPS2)
-        return Setpoint(place, max(speed, 1.0), told.yaw_rad)
-
     def _start_clock(self) -> None:
         if self._has_flown:
             return
@@ -532,7 +551,7 @@ class Px4Vehicle:
 
     def _look(self) -> VehicleState:
         state = self.telemetry.state(self.site, self._since_boot_s)
-        return state._replace(taken_over=self.authority.theirs)
+        return state._replace(taken_over=self.authority.theirs, waits=self.authority.waits)
 
 
 def names_its_place(scenario: Scenario) -> bool:
