@@ -201,7 +201,7 @@ def test_a_landed_vehicle_is_not_regained():
 
 class State:
     def __init__(self, taken_over):
-        self.taken_over, self.airborne = taken_over, True
+        self.taken_over, self.waits, self.airborne = taken_over, "", True
 
 
 def test_an_old_enter_does_not_take_the_vehicle_back(monkeypatch, tmp_path):
