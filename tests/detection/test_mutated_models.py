@@ -36,7 +36,7 @@ def answers_or_says_why(path, shown):
     assert "\n" not in sentence
 
 
-@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.tuples(st.floats(0, 1), st.integers(1, 255)), min_size=1, max_size=4))
 @example([(0.1875, 128)])  # a name that is no UTF-8, of which ONNX Runtime prints a report
 def test_flipped_bytes(tmp_path, flips):
@@ -127,7 +127,7 @@ MUTATIONS = (
 
 
 @pytest.mark.parametrize("mutate", MUTATIONS)
-@settings(max_examples=2, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=2, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(layout=st.sampled_from(sorted(LAYOUTS)), share=st.floats(0, 1))
 def test_mutated_layouts(mutate, tmp_path, layout, share):
     """Every kind of damage to models of every layout; a dead or hanging process fails the test."""
@@ -140,7 +140,7 @@ def test_mutated_layouts(mutate, tmp_path, layout, share):
     assert time.monotonic() - start < LONGEST_S
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.lists(
         st.tuples(

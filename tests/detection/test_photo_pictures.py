@@ -183,7 +183,7 @@ def test_a_thing_is_as_large_as_the_height_says(height_m, tmp_path):
     assert 0.7 < np.median(shares) < 1.4  # of the usual size; standing signs are longer from the side
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.floats(-90, -35), st.floats(-5, 5), st.floats(50, 84), st.floats(1, 3),
     st.floats(0, 1), st.floats(0, 1), st.floats(5, 100),

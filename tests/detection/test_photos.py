@@ -172,7 +172,7 @@ def test_a_bomb_of_entities_is_no_xmp():
     assert properties(packet.replace(b"<rdf:RDF", bomb + b"<rdf:RDF")) == {}
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 40))
 def test_damaged_pictures_are_told_or_refused(tmp_path_factory, seed, n):
     path = tmp_path_factory.getbasetemp() / "damaged.jpg"
@@ -255,7 +255,7 @@ def test_a_table_of_no_picture_is_refused(text, tmp_path):
         read_poses(path).of_pictures([tmp_path / "a.jpg"], tmp_path)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.text(alphabet='file,time_sheading_deg\n"0123.-\x00é', max_size=120))
 def test_any_text_as_poses_is_read_or_refused(tmp_path_factory, text):
     path = tmp_path_factory.getbasetemp() / "poses.csv"

@@ -70,7 +70,7 @@ def test_malformed_visdrone(text, message, tmp_path):
         read_dataset(visdrone(tmp_path, text))
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.text(alphabet="0123456789,.-\n abc", max_size=80))
 def test_any_text_as_visdrone_is_read_or_refused(tmp_path_factory, text):
     folder = tmp_path_factory.mktemp("v")

@@ -63,7 +63,7 @@ def test_boxes_come_back_in_frame_pixels_with_pose_and_lens(tmp_path):
     assert (found.time_s, found.camera, found.lens) == (12.5, picture.camera, picture.lens)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(20, 900), st.integers(20, 900), st.integers(1, 12), st.integers(1, 12), st.booleans())
 def test_letterbox_keeps_the_whole_picture_and_its_shape(height, width, rows, columns, centred):
     target = (32 * rows, 32 * columns)

@@ -531,7 +531,7 @@ def test_verdict_says_when_the_seeds_are_too_few_to_weigh():
         max_size=5,
     )
 )
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_the_best_is_the_rule(rows):
     """By means alone, where every seed gives the same and so every difference is distinguishable."""
     members = [

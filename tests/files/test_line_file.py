@@ -7,7 +7,7 @@ from contextlib import closing, suppress
 from itertools import pairwise
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from skysweep.errors import UserError
@@ -68,7 +68,6 @@ def test_every_single_bit_counts(whole, torn):
         assert found.records == RECORDS[: found.damaged - 1]
 
 
-@settings(deadline=None)
 @given(place=st.integers(0), change=st.integers(1, 255))
 def test_no_changed_byte_goes_unseen(whole, place, change):
     changed = bytearray(whole)
@@ -86,7 +85,6 @@ def test_a_chained_line_that_is_missing_doubled_or_elsewhere_is_found(tmp_path):
         assert scan_lines(b"".join([*lines[:k], next_line, line, *lines[k + 2 :]])).damaged == k + 1
 
 
-@settings(deadline=None)
 @given(st.binary(max_size=300))
 def test_no_content_can_crash_a_reader(tmp_path_factory, content):
     path = tmp_path_factory.getbasetemp() / "anything"

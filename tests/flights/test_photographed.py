@@ -97,7 +97,7 @@ def test_a_rendered_sign_is_found_within_metres(tmp_path):
     assert load_run(out).ended
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     heading_deg=st.floats(-180, 180),
     pitch_deg=st.floats(-90, -35),

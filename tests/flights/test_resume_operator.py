@@ -145,7 +145,7 @@ TENTHS = st.integers(1, 700).map(lambda tenths: tenths / 10)
     share=st.floats(0.02, 0.98),
     strategy=st.sampled_from(["scan-check", "belief", "scan-only"]),
 )
-@settings(max_examples=8, deadline=None, suppress_health_check=list(HealthCheck), derandomize=True)
+@settings(max_examples=8, suppress_health_check=list(HealthCheck), derandomize=True)
 def test_whatever_is_ordered_it_is_repeated(told, share, strategy, tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs")
     search = SMALL["search"] | {"strategy": strategy}

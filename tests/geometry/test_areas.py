@@ -29,7 +29,7 @@ def test_headings_of_legs_are_those_of_their_axes(heading_deg, length_m):
     assert headings_of(leg)[0] == pytest.approx(heading_deg, abs=1e-6)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(st.integers(0, 10_000), st.floats(0.0, 3.0))
 def test_many_corners_span_what_few_do(seed, min_gap):
     rng = np.random.default_rng(seed)

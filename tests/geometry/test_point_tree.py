@@ -33,7 +33,7 @@ def shown(points, pose):
     return np.flatnonzero((depth > 1e-6) & (uv > 0).all(axis=1) & (uv < (640, 360)).all(axis=1))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(0, 300), st.integers(0, 5), poses)
 def test_it_finds_all_that_is_in_the_picture_in_order(n, seed, pose):
     points = np.random.default_rng(seed).uniform((0, 0, -20), (500, 500, 40), (n, 3))
@@ -56,7 +56,7 @@ def test_what_stands_on_a_point_counts_with_its_height():
     assert len(found_in(PointTree.of(np.array([[0.0, 30.0, 0.0]])), pose)) == 0
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(1, 200), poses)
 def test_after_points_have_moved_it_finds_them_where_they_are(n, pose):
     rng = np.random.default_rng(n)

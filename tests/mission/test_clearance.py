@@ -52,7 +52,7 @@ def over(clear, here, *way, speed_mps=2.0):
     return clear.over(np.array(here, dtype=float), way, 0.0, Waypoint(way[-1], HEIGHT_M, speed_mps))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     seed=st.integers(0, 50),
     place=st.tuples(st.floats(2, 58), st.floats(2, 38)),

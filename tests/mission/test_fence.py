@@ -74,7 +74,7 @@ BLOCKS = [[(x, y), (x + 12, y), (x + 12, y + 9), (x, y + 9)] for x in (8, 33, 62
 PLACES = st.tuples(st.floats(1, 99), st.floats(1, 99))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(PLACES, PLACES)
 def test_no_way_over_the_corners_is_shorter(start, goal):
     f = fence(SQUARE, no_fly=[POND, *BLOCKS])
@@ -89,7 +89,7 @@ def test_no_way_over_the_corners_is_shorter(start, goal):
     assert math.isclose(sum(math.dist(*leg) for leg in pairwise([start, *way])), shortest_m)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.tuples(st.floats(-25, 40), st.floats(-25, 40)), st.floats(0, 2 * math.pi), st.floats(0, 1))
 def test_nobody_leaves_the_fence_within_the_room_there_is(here, heading, share):
     f = fence(margin_m=30.0, no_fly=[TOWER])
@@ -146,7 +146,7 @@ def test_the_router_gives_one_corner_after_another():
 xy = st.tuples(st.floats(-20, 120), st.floats(-20, 120))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(xy, xy)
 def test_every_way_stays_inside(start, goal):
     f = fence(SQUARE, [POND, TOWER])

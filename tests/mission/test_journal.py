@@ -7,7 +7,7 @@ from contextlib import closing
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -52,7 +52,6 @@ def test_memory_and_file_say_the_same(tmp_path):
     assert read_journal(path) == memory.lines
 
 
-@settings(deadline=None)
 @given(
     arrays(float, (3,), elements=st.floats(allow_nan=False, allow_infinity=False))
     | arrays(float, (2, 2), elements=st.integers(-(10**7), 10**7).map(lambda k: k / 2e4))
@@ -73,7 +72,6 @@ _VALUES = st.one_of(
 )
 
 
-@settings(deadline=None)
 @given(
     st.lists(
         st.tuples(

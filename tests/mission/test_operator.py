@@ -463,7 +463,7 @@ orders = st.one_of(
     strategy=st.sampled_from(STRATEGIES),
     fenced=st.booleans(),
 )
-@settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck), derandomize=True)
+@settings(max_examples=12, suppress_health_check=list(HealthCheck), derandomize=True)
 def test_whatever_is_ordered_the_mission_stays_inside_and_comes_home(told, strategy, fenced):
     changes = FENCED if fenced else {}
     flown = looked(*told.items(), battery_wh=40.0, **changes, search=search(strategy))

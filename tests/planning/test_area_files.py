@@ -109,7 +109,7 @@ def test_a_plans_survey_is_an_area(tmp_path):
     assert again.area_enu_m.symmetric_difference(area).area < 0.1
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     latitude=st.floats(-75, 75),
     longitude=st.floats(-170, 170),
@@ -222,7 +222,7 @@ def test_a_missing_file_is_told(tmp_path):
 
 
 @given(st.binary(max_size=300), st.sampled_from([".geojson", ".kml", ".kmz", ".plan"]))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_no_bytes_break_the_reader(tmp_path_factory, data, suffix):
     file = tmp_path_factory.mktemp("bytes") / f"x{suffix}"
     file.write_bytes(data)

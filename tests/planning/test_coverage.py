@@ -35,7 +35,7 @@ def areas(draw):
     return area
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(
     area=areas(),
     altitude_m=st.floats(8.0, 90.0),

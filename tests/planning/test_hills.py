@@ -66,7 +66,7 @@ def sees(s, terrain, eye, heading_deg, place):
     return bool((terrain.height_m(between[:, :2]) <= between[:, 2] + 0.5).all())
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(heights=rough_ground(), altitude_m=st.floats(25.0, 80.0), sidelap=st.floats(0.0, 0.6))
 def test_no_cell_of_the_area_lies_outside_every_footprint(heights, altitude_m, sidelap):
     s = scenario(heights, altitude_m, sidelap=sidelap)
@@ -85,7 +85,7 @@ def test_no_cell_of_the_area_lies_outside_every_footprint(heights, altitude_m, s
 LEDGE = np.repeat([[0.0, 0.0], [31.0, 31.0]], [12, 11], axis=0)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(heights=rough_ground())
 @example(heights=LEDGE)  # its edge hides what lies below it from the next transect
 def test_what_the_proof_calls_seen_is_seen_by_rays(heights):
@@ -118,7 +118,7 @@ def clears_m(terrain, place, over):
     return float(heights.max())
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(heights=rough_ground(), seed=st.integers(0, 2**32 - 1))
 def test_the_least_height_clears_all_ground_in_between_and_no_more(heights, seed):
     terrain = build_terrain(scenario(heights))
@@ -131,7 +131,7 @@ def test_the_least_height_clears_all_ground_in_between_and_no_more(heights, seed
     assert needed - 1e-6 <= least <= needed + 0.05
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(heights=rough_ground(), seed=st.integers(0, 2**32 - 1), antenna_m=st.floats(0.0, 30.0))
 def test_no_ground_between_antenna_and_vehicle_is_missed(heights, seed, antenna_m):
     """Against dense samples; the vehicle is just above or below the height that clears them."""

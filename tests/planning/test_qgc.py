@@ -105,7 +105,7 @@ def test_a_plan_survives_being_written_and_read(plan_file):
     assert back.length_m == pytest.approx(coverage.length_m)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     latitude=st.floats(-80, 80),
     longitude=st.floats(-179, 179),
@@ -402,7 +402,7 @@ def test_a_wrong_plan_names_file_and_field(plan_file, change, words):
         ),
     )
 )
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_no_json_breaks_the_reader(tmp_path_factory, data):
     file = tmp_path_factory.mktemp("any") / "x.plan"
     file.write_text(json.dumps({"fileType": "Plan", "version": 1, "mission": data}))

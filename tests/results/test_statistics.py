@@ -49,7 +49,7 @@ def test_values_that_do_not_vary_give_no_width():
 
 
 @given(arrays(float, st.integers(2, 40), elements=st.integers(0, 3).map(lambda k: k / 8)))
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 def test_a_bound_of_zero_is_zero_whatever_the_rounding(values):
     low, high = (float(bound[0]) for bound in bca_intervals(values[:, None] - values.min(), 500))
     assert math.copysign(1.0, low) > 0
@@ -177,7 +177,6 @@ def test_one_pair_and_none():
 @given(
     arrays(float, st.integers(1, 30), elements=st.integers(-5000, 5000).map(lambda k: k / 128), unique=True)
 )
-@settings(deadline=None)
 def test_wilcoxon_is_scipys_exact_one_without_ties(differences):
     magnitudes = np.abs(differences)
     if (magnitudes == 0).any() or len(np.unique(magnitudes)) < len(magnitudes):
@@ -187,7 +186,6 @@ def test_wilcoxon_is_scipys_exact_one_without_ties(differences):
 
 
 @given(arrays(float, st.integers(1, 9), elements=st.integers(-4, 4).map(float)))
-@settings(deadline=None)
 def test_wilcoxon_with_ties_counts_all_signs(differences):
     kept = differences[differences != 0]
     ranks = stats.rankdata(np.abs(kept))
@@ -232,7 +230,6 @@ def test_exact_and_approximate_agree_where_they_meet():
 
 
 @given(arrays(float, st.integers(1, 20), elements=st.floats(-9, 9, allow_subnormal=False)))
-@settings(deadline=None)
 def test_turning_the_pair_around_turns_the_signs(differences):
     (forth,), (back,) = paired_tests(differences[:, None]), paired_tests(-differences[:, None])
     assert forth.p == pytest.approx(back.p)
@@ -271,7 +268,6 @@ def test_pairs_needed_is_the_first_number_that_can_show_anything(family):
     arrays(float, st.integers(2, 60), elements=st.floats(-9, 9, allow_subnormal=False)),
     st.integers(1, 500),
 )
-@settings(deadline=None)
 def test_pairs_to_tell_asks_for_more_pairs_where_a_family_hides_a_difference(differences, family):
     (test,) = paired_tests(differences[:, None])
     if test.p * family >= 0.05:

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
@@ -39,7 +39,6 @@ rows = st.lists(
 )
 
 
-@settings(deadline=None)
 @given(rows, st.sampled_from([m.detections, m.standard_detections]))
 def test_detections_survive_either_form(rows, form):
     given_ = found(rows)
@@ -66,7 +65,6 @@ def test_the_most_confident_class_of_a_box_counts():
     assert m.read_detections(message, frame(), "t").class_names == ("person",)
 
 
-@settings(deadline=None)
 @given(arrays(np.uint8, (48, 64, 3)))
 def test_pictures_survive(image):
     message = over_the_wire(m.image(frame(image)))
@@ -110,7 +108,6 @@ def test_camera_info_gives_the_lens_back():
     assert 2.0 * np.arctan(info.width / (2.0 * info.k[0])) == pytest.approx(1.2)
 
 
-@settings(deadline=None)
 @given(angles, angles, angles)
 def test_odometry_survives(roll, pitch, yaw):
     R = rotation_from_euler(roll, pitch, yaw)
@@ -133,7 +130,6 @@ def test_odometry_in_another_frame_or_without_numbers_is_refused():
         m.read_odometry(message, "/odom")
 
 
-@settings(deadline=None)
 @given(angles, angles)
 def test_the_chain_of_frames_leads_to_the_camera(yaw, camera_yaw):
     camera = CameraPose(np.array([1.0, 2.0, 29.9]), rotation_camera_to_enu(camera_yaw, -1.2, 0.1))
@@ -149,7 +145,6 @@ def test_the_chain_of_frames_leads_to_the_camera(yaw, camera_yaw):
     np.testing.assert_allclose(p, camera.position_enu_m, atol=1e-9)
 
 
-@settings(deadline=None)
 @given(st.floats(0, 2e9))
 def test_stamps_keep_the_nanosecond(time_s):
     assert m.seconds(m.stamp(time_s)) == pytest.approx(time_s, abs=1e-6)

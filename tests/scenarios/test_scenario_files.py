@@ -515,7 +515,7 @@ def assert_scenario_or_sentence(text: str) -> None:
     assert isinstance(outcome, Scenario) or str(outcome).startswith("any.yaml: ")
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(scenario_data)
 @example(
     {"name": "a", "area": {"polygon_enu_m": [(0, 0), (9, 0), (9, 9)]}, "description": "a\x85 \u2028\n #: ä"}
@@ -525,7 +525,7 @@ def test_any_scenario_round_trips(data):
     assert parse_scenario(dump_scenario(scenario), "dump") == scenario
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     st.recursive(
         st.none() | st.booleans() | st.floats() | text,
@@ -539,7 +539,7 @@ def test_any_data_is_a_scenario_or_one_sentence(data):
     assert_scenario_or_sentence(yaml.safe_dump(data))
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.data())
 def test_any_damage_to_a_file_is_survived_or_told_in_one_sentence(data):
     whole = dump_scenario(load_scenario("sparse"))

@@ -55,7 +55,7 @@ poses = st.builds(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(poses, min_size=1, max_size=4), st.sampled_from(["lying", "standing"]))
 def test_it_grows_within_0_and_1_and_only_where_the_picture_shows_the_cell(looks, pose):
     centres = grid()

@@ -3,7 +3,7 @@
 import json
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from skysweep.geometry.camera import CameraPose, Lens, project
@@ -35,7 +35,6 @@ def look(camera, points, t=0.0, confidence=0.8, size=10.0, name="stop sign"):
     return Detections(t, boxes, np.full(n, confidence), (name,) * n, camera, LENS)
 
 
-@settings(deadline=None)
 @given(
     st.floats(-80, 80),
     st.floats(-80, 80),

@@ -286,6 +286,22 @@ def test_a_battery_that_says_no_more_is_unknown(then):
     assert math.isnan(told.battery_remaining)
 
 
+@pytest.mark.parametrize("amperes", [10.0, None])
+def test_one_report_of_an_empty_battery_lands_nobody(amperes):
+    radio = Radio()
+    told = Telemetry(radio, -1.57, 98.0)
+    site = Site(LocalFrame(60.0, 22.0), np.zeros(3))
+    told_for(3.0, radio, battery(80, amperes=amperes))
+    used_wh = told.state(site, 0.0).energy_used_wh
+    told_for(0.5, radio, battery(0, amperes=amperes), since_s=3.0)
+    assert told.battery_remaining == 0.8
+    assert told.state(site, 0.0).energy_used_wh < used_wh + 1.0
+    told_for(0.5, radio, battery(79, amperes=amperes), since_s=3.5)
+    assert told.battery_remaining == 0.79
+    told_for(1.0, radio, battery(40, amperes=amperes), since_s=4.0)
+    assert told.battery_remaining == 0.4
+
+
 def test_a_silence_of_the_whole_vehicle_does_not_age_its_battery():
     radio = Radio()
     told = Telemetry(radio, -1.57, 98.0)

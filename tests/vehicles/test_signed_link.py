@@ -49,6 +49,17 @@ def test_a_signed_flight_takes_off_and_holds(signing_vehicle):
     assert server.face.pilot.armed
 
 
+def test_before_an_unsigned_flight_the_list_says_that_nothing_is_answered(signing_vehicle, tmp_path):
+    url, _ = signing_vehicle
+    with Px4Flight(scenario(), url, 30.0) as flight:
+        (vehicle,) = (c for c in flight.preflight(False, tmp_path) if c.name == "vehicle")
+        assert vehicle.passed is False
+        assert "--signing-key" in vehicle.said
+    with Px4Flight(scenario(), url, 30.0, KEY) as flight:
+        (vehicle,) = (c for c in flight.preflight(False, tmp_path) if c.name == "vehicle")
+        assert vehicle.passed
+
+
 def test_an_unsigned_order_moves_nothing(signing_vehicle):
     url, server = signing_vehicle
     with Px4Flight(scenario(), url, 30.0) as flight:

@@ -62,7 +62,7 @@ def test_heights_above_the_ellipsoid_are_refused(tmp_path):
         elevation_of(over(dem=dem))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     latitude_deg=st.floats(-70, 70),
     longitude_deg=st.floats(-179, 179),

@@ -21,7 +21,7 @@ def hills(posts: int = 3 * CHUNK_CELLS - 5, spacing_m: float = 2.0) -> TerrainSu
     return TerrainSurface(heights, (0.0, 0.0, side_m, side_m), "grass")
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.lists(st.integers(0, 5), min_size=CHUNKS**2, max_size=CHUNKS**2))
 def test_neighbours_of_any_levels_share_all_edges(levels: list[int]) -> None:
     grid = GroundGrid(hills())

@@ -49,7 +49,7 @@ def track(motion, seed=0):
     return track_of(motion, START, Wind(mean_speed_mps=6.0), AREA, np.random.default_rng(seed))
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(motion=st.one_of(walks, paths), asked=times)
 def test_nothing_is_faster_than_its_speed(motion, asked):
     mine = track(motion)
@@ -58,7 +58,7 @@ def test_nothing_is_faster_than_its_speed(motion, asked):
         assert moved_m <= motion.speed_mps * (b - a) * (1 + 1e-9) + 1e-6
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(motion=st.one_of(walks, paths, drifts), asked=times, seed=st.integers(0, 99))
 def test_where_it_is_does_not_depend_on_the_order_of_the_questions(motion, asked, seed):
     forth, back = track(motion, seed), track(motion, seed)
@@ -68,7 +68,7 @@ def test_where_it_is_does_not_depend_on_the_order_of_the_questions(motion, asked
     assert back.at(-5.0)[:2] == START[:2]
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(motion=walks, asked=times, seed=st.integers(0, 99))
 def test_a_walk_stays_in_the_area(motion, asked, seed):
     mine = track(motion, seed)

@@ -29,7 +29,6 @@ place = st.tuples(st.floats(0, 100), st.floats(0, 100))
 height = st.floats(0, 20)
 
 
-@settings(deadline=None)
 @given(place, st.floats(0, 10))
 def test_tops_are_found_within_a_distance_of_their_outlines(xy, distance_m):
     known = obstacles()
@@ -40,7 +39,6 @@ def test_tops_are_found_within_a_distance_of_their_outlines(xy, distance_m):
     assert known.top_within_m(np.array([xy]), distance_m)[0] == max(near, default=-math.inf)
 
 
-@settings(deadline=None)
 @given(place, st.floats(0, 10))
 def test_what_a_beam_may_meet_reaches_from_the_lowest_ground_to_the_highest_top(xy, distance_m):
     known = obstacles(terrain={"hills_height_m": 20.0, "hills_wavelength_m": 40.0})
@@ -54,7 +52,6 @@ def test_what_a_beam_may_meet_reaches_from_the_lowest_ground_to_the_highest_top(
         assert (lowest_m, highest_m) == (ground_m[0], max(ground_m[0], top_m))
 
 
-@settings(deadline=None)
 @given(place, place)
 def test_a_leg_is_kept_above_all_that_is_near_it(start, end):
     assume(math.dist(start, end) > 0.1)
@@ -94,7 +91,7 @@ def test_a_hillside_beside_and_before_the_leg_counts():
     assert aim_m > 15.0
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.lists(st.tuples(st.floats(0, 100), st.floats(0, 100), height), min_size=2, max_size=5))
 def test_the_clearance_of_a_track_is_that_of_its_nearest_point(corners):
     known, track = obstacles(), np.array(corners)

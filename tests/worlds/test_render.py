@@ -227,7 +227,7 @@ def test_without_egl_the_gl_backend_says_what_to_install_and_auto_falls_back() -
     assert done.stderr.count("Falling back to Embree") == 1
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(elevation=st.floats(3, 90), heading=st.floats(0, 359.9), visibility=st.floats(50, 20000))
 def test_light_is_always_usable(elevation: float, heading: float, visibility: float) -> None:
     sun = make_sun(Light(sun_elevation_deg=elevation, sun_heading_deg=heading, visibility_m=visibility))

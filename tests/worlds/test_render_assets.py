@@ -29,7 +29,7 @@ def sound(mesh: Mesh) -> None:
     assert mesh.faces.max() < len(mesh.vertices)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(kind=st.sampled_from(KINDS), pose=st.sampled_from(POSES), variant=variants, scale=st.floats(0.4, 2.5))
 def test_objects_are_sound_and_of_their_size(kind: str, pose: str, variant: int, scale: float) -> None:
     size_m = SIZE_M[kind] * scale
@@ -45,7 +45,7 @@ def test_objects_are_sound_and_of_their_size(kind: str, pose: str, variant: int,
         assert 0.35 * size_m < extent.max() < longest * size_m
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(kind=st.sampled_from(KINDS), pose=st.sampled_from(POSES), variant=variants)
 def test_the_same_variant_looks_the_same(kind: str, pose: str, variant: int) -> None:
     a, b = (object_mesh(kind, SIZE_M[kind], pose, variant) for _ in range(2))
@@ -85,7 +85,7 @@ def test_trees_stay_inside_the_crown_that_the_world_promises(kind: str) -> None:
 
 
 @given(length=st.floats(3, 40), width=st.floats(3, 30), height=st.floats(2, 60), variant=st.integers(0, 50))
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 def test_buildings_have_their_size_and_a_roof(
     length: float, width: float, height: float, variant: int
 ) -> None:

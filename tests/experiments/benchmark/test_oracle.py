@@ -136,7 +136,7 @@ def length_m(here, places, order):
 places_of = st.lists(st.tuples(*[st.floats(-100, 100)] * 2), max_size=6)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(places_of, st.tuples(*[st.floats(-100, 100)] * 2))
 def test_the_order_of_few_places_is_a_shortest(points, here):
     places = np.array(points).reshape(-1, 2)

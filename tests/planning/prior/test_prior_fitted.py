@@ -10,7 +10,7 @@ from skysweep.planning.prior.coverage import length_of
 from skysweep.planning.prior.fitted import best_pattern
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     rows=st.integers(1, 30),
     columns=st.integers(1, 30),

@@ -156,7 +156,7 @@ def test_a_geotiff_in_another_projection_comes_to_lie_where_it_was(tmp_path):
     assert cells.cell_size_m == pytest.approx(10.0, rel=0.01)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     latitude=st.floats(-85.0, 85.0),
     longitude=st.floats(-180.0, 180.0),
@@ -339,7 +339,7 @@ def test_what_no_csv_reader_takes_is_refused(tmp_path, row):
         read_map(tmp_path / "map.csv")
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.sampled_from(["npz", "csv"]), st.data())
 def test_a_damaged_map_is_read_or_refused(tmp_path_factory, kind, data):
     path = lon_lat_file(tmp_path_factory.mktemp("maps"), kind, np.ones((3, 4)), BOUNDS)

@@ -65,7 +65,7 @@ def searches(draw):
     return poa, cell_m, np.zeros(2), start, budget_m, width_m, draw(st.integers(1, 6))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(searches())
 def test_paths_begin_at_the_start_and_are_within_the_budget(search):
     try:
@@ -77,7 +77,7 @@ def test_paths_begin_at_the_start_and_are_within_the_budget(search):
     check_paths(paths, search[3], search[4], search[6])
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(searches(), st.integers(-100, 100), st.integers(-100, 100))
 def test_a_moved_map_gives_moved_paths(search, east, north):
     poa, cell_m, origin, start, budget_m, width_m, n = search
@@ -91,7 +91,7 @@ def test_a_moved_map_gives_moved_paths(search, east, north):
         assert a + moved == pytest.approx(b, abs=1e-6)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(searches(), st.integers(0, 10))
 def test_one_seed_gives_one_plan(search, seed):
     try:
@@ -247,7 +247,6 @@ def test_bad_input_is_told_in_one_sentence(changed, word):
     assert "\n" not in str(told.value)
 
 
-@settings(deadline=None)
 @given(st.integers(1, 9), st.integers(1, 9), st.integers(0, 1000))
 def test_a_diagonal_path_covers_both_cells_of_each_pair_alike(rows, columns, seed):
     rng = np.random.default_rng(seed)
@@ -309,7 +308,7 @@ def test_an_even_map_is_searched_as_well_as_by_parallel_tracks(rows, columns, wi
     assert pos_of(poa, [path], width_m) >= 0.98 * best
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(searches(), st.integers(0, 30), st.integers(0, 30))
 def test_zeros_around_a_map_change_nothing(search, below, beside):
     poa, cell_m, origin, start, budget_m, width_m, n = search

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from contexts import context_of
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from skysweep.scenarios.files import change_scenario, load_scenario
@@ -29,7 +29,6 @@ def test_what_costs_more_than_it_buys_is_left_out():
     assert CHECKS.route((0.0, 0.0), two_far, [30.0, 30.0, 30.0]) == [0]
 
 
-@settings(deadline=None)
 @given(places)
 def test_a_route_visits_each_place_once_at_most_and_pays(drawn):
     xy = np.array([[x, y] for x, y, _ in drawn]).reshape(-1, 2)

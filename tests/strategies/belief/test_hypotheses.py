@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from contexts import context_of
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from skysweep.errors import UserError
@@ -103,7 +103,6 @@ def test_the_offsets_are_those_of_the_normal_distribution_given_the_scores():
     assert pass_var == pytest.approx(1.0 - common**2 * weights.sum(), rel=0.05)
 
 
-@settings(deadline=None)
 @given(
     st.lists(
         st.tuples(st.floats(2.0, 60.0), st.none() | st.floats(-1.0, 5.0), st.floats(0.0, 900.0)),

@@ -138,6 +138,11 @@ class PX4Link:
         """When a kind was last received, by ``now_s``; -inf if it never was."""
         return self._heard_s.get(name, -math.inf)
 
+    @property
+    def is_answered(self) -> bool:
+        """Whether the vehicle has answered any command."""
+        return "COMMAND_ACK" in self._newest
+
     def warnings(self, since_s: float) -> tuple[str, ...]:
         """The vehicle's warnings since then by ``now_s``, oldest first, without repetitions."""
         texts = tuple(self._texts)  # the receiving thread may add more meanwhile

@@ -60,14 +60,17 @@ def preflight(
     """The list for a flight. Waits up to ``ready_s`` for the vehicle.
 
     With ``upload`` the vehicle stands by in Hold, and gets the plan's fence and rally points if no check
-    fails. Without, only the gimbal moves.
+    fails. Without, only the gimbal moves. A vehicle that answers nothing has the first check alone.
     """
     told = vehicle.telemetry
     if upload:
         vehicle.stand_by()
     vehicle.link.wait(lambda: _is_ready(vehicle) and told.position_std_m < _MAX_STD_M, ready_s)
+    first = Check("vehicle", *_vehicle(vehicle))
+    if first.passed is False:
+        return (first,)
     checks = [
-        Check("vehicle", True, f"{_version(vehicle)}, {vehicle.kind}"),
+        first,
         Check("position", *_position(vehicle)),
         Check("home", True, _home(vehicle)),
         Check("battery", *_battery(vehicle, demands.estimate)),
@@ -111,12 +114,13 @@ def _gimbal(vehicle: Px4Vehicle) -> Verdict:
     return True, f"ours, {said}"
 
 
-def _version(vehicle: Px4Vehicle) -> str:
+def _vehicle(vehicle: Px4Vehicle) -> Verdict:
     said = vehicle.link.ask("AUTOPILOT_VERSION", 3.0)
-    if said is None:
-        return "PX4"
-    v = said["flight_sw_version"]
-    return f"PX4 {v >> 24 & 0xFF}.{v >> 16 & 0xFF}.{v >> 8 & 0xFF}"
+    if said is None and not vehicle.link.is_answered:
+        return False, "answers nothing: it does not hear us, or takes signed frames alone (--signing-key)"
+    v = (said or {}).get("flight_sw_version")
+    version = "PX4" if v is None else f"PX4 {v >> 24 & 0xFF}.{v >> 16 & 0xFF}.{v >> 8 & 0xFF}"
+    return True, f"{version}, {vehicle.kind}"
 
 
 def _is_ready(vehicle: Px4Vehicle) -> bool:

@@ -26,6 +26,7 @@ _IN_AIR = (m.MAV_LANDED_STATE_IN_AIR, m.MAV_LANDED_STATE_TAKEOFF, m.MAV_LANDED_S
 _GIMBAL_TOLERANCE_RAD = 0.1
 _CAMERA_BELOW_M = 0.1  # as on the embedded vehicle
 _UNSAID_S = 10.0  # of telemetry without a battery message
+_FALL = 0.1  # of a battery's share between two reports: more counts once the next says so, too
 _RANGE_UNSAID_S = 1.0
 _ATTITUDE_UNSAID_S = 2.0  # of the vehicle and of its gimbal
 _LONGEST_STEP_S = 1.0  # between two positions; longer is a silence of the whole vehicle
@@ -60,6 +61,7 @@ class Battery:
     said_share: bool  # ever
     heard_s: float  # in vehicle time without silences
     power_at_s: float  # by the vehicle's clock
+    is_doubted: bool = False  # the newest report fell too far, and is not counted until the next
 
 
 class Silence(NamedTuple):
@@ -293,7 +295,9 @@ class Telemetry:
         share = min(percent / 100.0, 1.0) if percent >= 0 else math.nan
         before = self._batteries.get(said.get("id", 0), Battery(share, False, 0.0, math.inf))
         says = before.said_share or percent >= 0
-        self._batteries[said.get("id", 0)] = Battery(share, says, self._heard_s, now_s)
+        is_doubted = not before.is_doubted and before.share - share > _FALL
+        share = before.share if is_doubted else share
+        self._batteries[said.get("id", 0)] = Battery(share, says, self._heard_s, now_s, is_doubted)
         cells = [v for v in said.get("voltages", ()) if 0 < v < 65535]
         current_a = said.get("current_battery", -1) * 1e-2
         if current_a > 0.0 and cells:
