@@ -8,6 +8,7 @@ from pymavlink.dialects.v20 import common as m
 
 from skysweep.errors import UserError
 from skysweep.vehicles.embedded.at_home import embedded_vehicle
+from skysweep.vehicles.mavlink import signing as signing_module
 from skysweep.vehicles.mavlink.signing import Signing, read_signing_key
 from skysweep.vehicles.mavlink.signing_memory import SigningMemory
 from skysweep.vehicles.mavlink.wire import Voice, read_frames
@@ -88,6 +89,12 @@ def signed(timestamp: int, link: int = 0, system: int = 245) -> bytes:
 
 def now() -> int:
     return Signing(None).stamp()
+
+
+def later(monkeypatch, seconds: float) -> None:
+    """Time passes, for the clock that nobody sets."""
+    elapsed_s = signing_module._elapsed_s
+    monkeypatch.setattr(signing_module, "_elapsed_s", lambda: elapsed_s() + seconds)
 
 
 @pytest.fixture
@@ -182,11 +189,22 @@ def test_a_program_whose_clock_is_off_by_less_than_a_minute_is_heard(seconds, is
 
 
 def test_a_frame_that_was_held_back_for_minutes_is_refused_on_a_stream_that_is_known(monkeypatch):
-    signing, begun_s = Signing(KEY), time.monotonic()
-    assert signing.accepts(signed(now()))
-    held_back = signed(now() + SECOND)
-    monkeypatch.setattr("time.monotonic", lambda: begun_s + 90.0)
+    signing, begun = Signing(KEY), now()
+    assert signing.accepts(signed(begun))
+    held_back = signed(begun + SECOND)
+    later(monkeypatch, 90.0)
     assert not signing.accepts(held_back)
+    assert signing.accepts(signed(begun + 90 * SECOND))
+
+
+@pytest.mark.skipif(not hasattr(time, "CLOCK_BOOTTIME"), reason="this system's clocks stand still in sleep")
+def test_a_computer_that_slept_is_not_deaf(monkeypatch):
+    """The monotonic clock stands still meanwhile."""
+    signing, begun, begun_s, read = Signing(KEY), now(), time.monotonic(), time.clock_gettime
+    monkeypatch.setattr("time.monotonic", lambda: begun_s)
+    monkeypatch.setattr("time.clock_gettime", lambda clock: read(clock) + 90.0)
+    assert signing.accepts(signed(begun + 90 * SECOND))
+    assert signing.stamp() > begun + 89 * SECOND
 
 
 @pytest.mark.parametrize("hours", [-1, 1])
@@ -198,14 +216,21 @@ def test_a_clock_that_is_set_in_flight_does_not_make_the_vehicle_deaf(monkeypatc
     assert abs(signing.stamp() - begun) < 2 * SECOND
 
 
-def test_a_clock_that_lost_its_time_is_set_by_the_first_good_frame(monkeypatch, memory):
-    recorded, begun, begun_s = signed(now()), now(), time.time()
+@pytest.mark.parametrize("silent", [False, True])
+def test_a_clock_that_lost_its_time_is_set_by_the_first_good_frame(monkeypatch, memory, silent):
+    """Not by a recording, even of a stream that was silent for so long that nobody remembers it."""
+    begun, begun_s = now(), time.time()
+    recorded = [signed(begun, link=9), signed(begun)]
     before = Signing(KEY, memory)
-    assert before.accepts(recorded)
+    assert all(map(before.accepts, recorded))
+    later(monkeypatch, 100.0)
+    if not silent:
+        recorded.append(signed(begun + 100 * SECOND))
+        assert before.accepts(recorded[-1])
     before.close()
     monkeypatch.setattr("time.time", lambda: begun_s - 9e6)
     after = Signing(KEY, memory)
-    assert not after.accepts(recorded)
+    assert not any(map(after.accepts, recorded))
     days_later = begun + 3 * 86_400 * SECOND
     assert after.accepts(signed(days_later))
     assert not after.accepts(signed(days_later + 3600 * SECOND)), "once"

@@ -46,12 +46,12 @@ class Signing:
 
     ``memory`` keeps frames from before a restart refused. The computer's clock is read only once, because a
     clock that is set in flight must not make the vehicle deaf. A clock behind ``memory`` is wrong; the first
-    good frame sets it. Raises UserError if ``memory`` cannot be written.
+    good frame that is newer than all of ``memory`` sets it. Raises UserError if ``memory`` cannot be written.
     """
 
     def __init__(self, key: bytes | None, memory: SigningMemory | None = None) -> None:
         self.key = key
-        self._begun, self._begun_s = round((time.time() - _EPOCH_2015_S) * _SECOND), time.monotonic()
+        self._begun, self._begun_s = round((time.time() - _EPOCH_2015_S) * _SECOND), _elapsed_s()
         self._streams: dict[Stream, int] = {}  # in the order of their last frames
         self._unseen_after = 0  # any other stream must be newer
         self._clock_is_wrong = False
@@ -73,9 +73,10 @@ class Signing:
         except ValueError:  # it may have held anything heard before now
             self._unseen_after = self._begun
         memory.must_be_writable()
-        heard_at = max(kept.values(), default=0) - _KEPT_AHEAD - _WINDOW
-        self._clock_is_wrong = self._begun < heard_at
-        self._begun = max(self._begun, heard_at)
+        newest = max(kept.values(), default=0) - _KEPT_AHEAD
+        self._clock_is_wrong = self._begun < newest - _WINDOW
+        if self._clock_is_wrong:
+            self._begun, self._unseen_after = newest - _WINDOW, newest
         return kept
 
     def accepts(self, frame: bytes) -> bool:
@@ -131,4 +132,9 @@ class Signing:
         return self._newest
 
     def _now(self) -> int:
-        return self._begun + int((time.monotonic() - self._begun_s) * _SECOND)
+        return self._begun + int((_elapsed_s() - self._begun_s) * _SECOND)
+
+
+def _elapsed_s() -> float:
+    """Of a clock that nobody sets; on Linux it goes on while the computer sleeps."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME) if hasattr(time, "CLOCK_BOOTTIME") else time.monotonic()

@@ -47,7 +47,7 @@ class SigningMemory:
         return {(link, system, component): newest for (link, system, component), newest in streams.items()}
 
     def write(self, streams: dict[Stream, int], oldest: int) -> None:
-        """Stores these and the entries of others, from ``oldest`` on. Raises OSError."""
+        """Stores these and the entries of others, from ``oldest`` on, and the newest. Raises OSError."""
         self._path.parent.mkdir(parents=True, exist_ok=True)
         with self._path.with_suffix(".lock").open("w") as lock:
             if fcntl is not None:
@@ -57,6 +57,7 @@ class SigningMemory:
                 kept = self.read()
             for stream, newest in streams.items():
                 kept[stream] = max(newest, kept.get(stream, 0))
+            oldest = min(oldest, max(kept.values(), default=oldest))
             names = {"/".join(map(str, s)): newest for s, newest in kept.items() if newest >= oldest}
             replace_file(self._path, json.dumps(names).encode("ascii"))
 
