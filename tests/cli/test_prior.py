@@ -12,7 +12,6 @@ from skysweep.planning.prior.map_files import read_map
 from skysweep.results.run_folder import load_flown
 from skysweep.results.searched import coverage_of_run
 from skysweep.scenarios.files import load_scenario
-from skysweep.sensing.statistical.sweep_width import sweep_width_from, sweep_width_m
 
 LKP = "22.105,60.202"
 OWN = ("--lkp", LKP, "--within-m", "100,200,400,600", "--cell-m", 10)
@@ -185,7 +184,7 @@ def test_slopes_are_those_of_a_scenario_of_this_place(tmp_path):
     done(*slopes, "shore.yaml")
 
 
-def test_the_map_after_a_mission_counts_each_altitude_with_its_own_sweep_width(tmp_path):
+def test_the_map_after_a_mission_is_that_of_its_looks(tmp_path):
     (tmp_path / "shore.yaml").write_text(SHORE)
     flown = called("run", "shore.yaml", "--sensor", "statistical", "--out", "run")
     assert flown.exit_code == 0, flown.output
@@ -201,9 +200,18 @@ def test_the_map_after_a_mission_counts_each_altitude_with_its_own_sweep_width(t
         for name in ("lost.npz", "after.npz")
     ]
     assert inside[1] < 0.8 * inside[0]
-    one_width = coverage_of_run(run, before, sweep_width_m(run.scenario)).sum()
-    assert sweep_width_from(run.scenario, 10.0) < sweep_width_m(run.scenario)
-    assert 0.7 * one_width < coverage.sum() < one_width  # it climbs and descends in the search, too
+    tracked = coverage_of_run(run, before, 20.0)
+    said = done("after", "lost.npz", "--searched", "run", "--sweep-width-m", 20).output
+    assert f"{before.pos_of(tracked):.1%}" in said
+    refused(
+        "--searched run: is the same flight as run",
+        "after",
+        "lost.npz",
+        "--searched",
+        "run",
+        "--searched",
+        "run/",
+    )
 
 
 def test_mistakes_are_told_in_one_sentence(tmp_path):

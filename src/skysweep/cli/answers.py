@@ -11,10 +11,12 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from skysweep.cli.common import PlainConsole, console, tell
+from skysweep.cli.common import PlainConsole, console, duration, tell
 
 if TYPE_CHECKING:
+    from skysweep.planning.flight_plan import FlightEstimate
     from skysweep.results.reporting.html import Grid
+    from skysweep.scenarios.model import Scenario
 
 _WIDEST = 10_000  # characters of a table in a file
 _MARKS = {True: Text("ok", "green"), None: Text("note", "yellow"), False: Text("no", "bold red")}
@@ -55,6 +57,18 @@ def print_table(table: Table, on: PlainConsole = console) -> None:
 def figures_table() -> Table:
     """An empty table for the name of a figure and its value in each row."""
     return Table(show_header=False, box=None)
+
+
+def add_cost(table: Table, scenario: Scenario, estimate: FlightEstimate) -> None:
+    """Add what it takes to fly a plan of the scenario, and where the vehicle stays."""
+    from skysweep.planning.surroundings import fence_words
+
+    n = estimate.batteries
+    in_sorties = f", in {n} sorties, changed in {duration(scenario.vehicle.swap_s)}" if n > 1 else ""
+    table.add_row("path length", f"{estimate.path_length_m:.0f} m")
+    table.add_row("time", f"{estimate.time_s / 60:.1f} min with take-off, return and landing, without checks")
+    table.add_row("batteries", f"{n} ({estimate.energy_wh:.0f} Wh) without checks{in_sorties}")
+    table.add_row("fence", fence_words(scenario))
 
 
 def mark(passed: bool | None) -> Text:

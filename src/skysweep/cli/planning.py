@@ -9,8 +9,8 @@ from typing import Annotated
 import typer
 
 from skysweep.cli import completion
-from skysweep.cli.answers import JsonOption, answer, figures_table
-from skysweep.cli.common import counting, duration, friendly, scenario_or_area, warn
+from skysweep.cli.answers import JsonOption, add_cost, answer, figures_table
+from skysweep.cli.common import counting, friendly, scenario_or_area, warn
 from skysweep.files.writing import whole_files
 
 
@@ -59,10 +59,10 @@ def plan(
         bool, typer.Option("--advise", help="Compare altitudes, speeds and overlaps before any is flown.")
     ] = False,
     gaps: Annotated[
-        Path | None,
+        list[Path] | None,
         typer.Option(
             metavar="RUN_DIR",
-            help="A flown mission: plan what it missed, to fly it again.",
+            help="A flown mission: plan what it missed, to fly it again; repeat it for all flights so far.",
             autocompletion=completion.runs,
         ),
     ] = None,
@@ -105,7 +105,6 @@ def plan(
     from skysweep.planning.picture import draw_plan
     from skysweep.planning.qgc import plan_for_qgc, write_plan
     from skysweep.planning.sun import moment_of
-    from skysweep.planning.surroundings import fence_words
     from skysweep.scenarios.files import change_scenario
     from skysweep.strategies.covering import as_covered
 
@@ -119,9 +118,9 @@ def plan(
     folder = out or Path("plan")
     if pod is not None:
         refuse_pod(pod)
-        if not advise and gaps is None:
+        if not advise and not gaps:
             raise UserError("--pod: belongs to --advise and --gaps; add one of them, or leave it out")
-    if gaps is not None:
+    if gaps:
         if source is not None or prior is not None or advise or any(v is not None for v in changes.values()):
             raise UserError("--gaps: flies a run's own scenario again; write only --pod and --out beside it")
         plan_gaps(as_json, gaps, 0.5 if pod is None else pod, folder)
@@ -172,12 +171,7 @@ def plan(
     table = figures_table()
     table.add_row("area", f"{estimate.area_m2 / 1e4:.2f} ha")
     table.add_row("transects", f"{estimate.n_transects}, heading {coverage.heading_deg:.0f}\N{DEGREE SIGN}")
-    table.add_row("path length", f"{estimate.path_length_m:.0f} m")
-    table.add_row("time", f"{estimate.time_s / 60:.1f} min with take-off, return and landing, without checks")
-    n, swap_s = estimate.batteries, chosen.vehicle.swap_s
-    in_sorties = f", in {n} sorties, changed in {duration(swap_s)}" if n > 1 else ""
-    table.add_row("batteries", f"{n} ({estimate.energy_wh:.0f} Wh) without checks{in_sorties}")
-    table.add_row("fence", fence_words(chosen))
+    add_cost(table, chosen, estimate)
     table.add_row("ground sample distance", f"{estimate.gsd_cm:.1f} cm")
     table.add_row("pixels on the smallest target", f"{estimate.pixels_on_target:.1f}")
     for name, value in judged.rows():

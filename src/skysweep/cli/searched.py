@@ -12,6 +12,7 @@ from skysweep.cli.common import warn
 from skysweep.errors import UserError
 from skysweep.planning.prior.flown import path_of_plan
 from skysweep.planning.prior.maps import ProbabilityMap
+from skysweep.results.reporting.wording import moving_words
 from skysweep.results.run_folder import JOURNAL_FILE, load_flown
 from skysweep.results.searched import coverage_of_run, scanned_paths
 
@@ -24,9 +25,10 @@ def coverage_of_searches(
 ) -> tuple[F64, list[F64]]:
     """Coverage (R, C) of a map's cells by run folders and plans, and their paths (K, 2).
 
-    Without a sweep width, that of a run is of its calibrated sensor, by altitude; a plan needs one.
+    Without a sweep width, a run counts by its calibrated sensor, look by look; a plan needs one.
     """
     coverage, paths = np.zeros(cells.poa.shape), []
+    flights: dict[int, Path] = {}  # by the journal's checksum
     for path in searched:
         if path.is_dir():
             if not (path / JOURNAL_FILE).exists():
@@ -34,6 +36,11 @@ def coverage_of_searches(
                     f"--searched {path}: holds no {JOURNAL_FILE}; give a run's folder or a .plan file"
                 )
             run = load_flown(path)
+            if run.seal in flights:
+                raise UserError(f"--searched {path}: is the same flight as {flights[run.seal]}; give it once")
+            flights[run.seal] = path
+            if words := moving_words(run.scenario):
+                warn(f"--searched {path}: {words}")
             confirmed = sum(candidate.verdict == "confirmed" for candidate in run.candidates)
             if confirmed:
                 warn(f"--searched {path}: confirmed {confirmed}; the map is of what is still missing")

@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 
 from skysweep.errors import UserError
 from skysweep.planning.flight_plan import FlightEstimate, plan_scenario
-from skysweep.scenarios.model import DEFAULT_SIZE_M, MARGIN_M, MAX_TREES, Building, Scenario, TargetClass
+from skysweep.scenarios.model import (
+    DEFAULT_SIZE_M,
+    MARGIN_M,
+    MAX_TREES,
+    Building,
+    Scenario,
+    Search,
+    TargetClass,
+)
 from skysweep.worlds.land_cover import wanted_trees
 from skysweep.worlds.obstacles import known_obstacles
 from skysweep.worlds.weather import sine_of_declination
@@ -53,6 +61,7 @@ def warnings_for(scenario: Scenario, cover_altitude_agl_m: float | None = None) 
 def warnings_for_plan(scenario: Scenario, cover_altitude_agl_m: float | None = None) -> list[str]:
     """Those that need no targets."""
     return [
+        *_about_plan(scenario.search, cover_altitude_agl_m),
         *warnings_for_batteries(scenario, cover_altitude_agl_m),
         *_about_way(scenario),
         *_about_footprints(scenario),
@@ -88,7 +97,8 @@ def warnings_for_batteries(scenario: Scenario, altitude_agl_m: float | None = No
     highest_m = min(
         altitude * needed.pixels_on_target / WISHED_AT_SCAN_PX, scenario.safety.altitude_max_agl_m
     )
-    higher = _estimate(scenario, highest_m) if altitude == search.scan_altitude_agl_m < highest_m else None
+    may_rise = search.plan is None and altitude == search.scan_altitude_agl_m < highest_m
+    higher = _estimate(scenario, highest_m) if may_rise else None
     if higher is not None and higher.batteries <= given:
         cures.append(f"search.scan_altitude_agl_m: {math.floor(highest_m)}")
     fastest = scenario.with_search(scan_speed_mps=scenario.vehicle.cruise_speed_mps)
@@ -111,6 +121,16 @@ def _estimate(scenario: Scenario, altitude_agl_m: float) -> FlightEstimate | Non
         return plan_scenario(scenario, altitude_agl_m)[1]
     except UserError:
         return None
+
+
+def _about_plan(search: Search, cover_altitude_agl_m: float | None) -> Iterator[str]:
+    """A drawn plan that is for another height than its strategy's."""
+    if search.plan is not None and cover_altitude_agl_m not in (None, search.scan_altitude_agl_m):
+        yield (
+            f"search.plan: is not flown: {search.strategy} covers the area from {cover_altitude_agl_m:g} m, "
+            f"and plans are flown at search.scan_altitude_agl_m ({search.scan_altitude_agl_m:g}); take "
+            "another strategy, or delete it"
+        )
 
 
 def _about_way(scenario: Scenario) -> Iterator[str]:

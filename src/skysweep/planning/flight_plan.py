@@ -31,6 +31,7 @@ LEG_LAG_S = 2.0  # to turn and get up to speed
 TAKE_OFF_LAG_S = 10.0  # arming, spool-up, PX4's gentle start and arrival
 LAND_SPEED_MPS, LAND_SLOW_BELOW_M, LAND_SLOW_FROM_M = 0.7, 5.0, 10.0  # PX4 MPC_LAND_SPEED, _ALT2, _ALT1
 DRAG_PER_S = 1.0  # deceleration by drag in m/s2 for each m/s of air speed (PX4 SIH_KDV, 1 kg)
+GUSTS = 0.05  # of the mean wind, that it is stronger on the way home than it was told to be
 CHARGED = 0.8  # share of a battery from which it is good for one of several sorties
 _SLOWEST_MPS = 1.0  # over ground
 _BREAK_EVERY_M = 20.0  # where a flight may be broken off for another battery
@@ -104,6 +105,7 @@ def estimate_flight(
     out = _legs(home, stops, scenario.search.scan_speed_mps, scenario) + climb
     again = _legs(home, stops, vehicle.cruise_speed_mps, scenario) + climb
     back = _legs(stops, home, vehicle.cruise_speed_mps, scenario) + landing
+    kept = _legs(stops, home, vehicle.cruise_speed_mps, scenario, GUSTS) + landing
 
     ends: list[int] = []  # of the sorties, among the stops
     spent = Spent(np.zeros(()), np.zeros(()))
@@ -115,7 +117,7 @@ def estimate_flight(
         search = path[reach] + Spent(
             there.time_s[at] - path.time_s[at], there.energy_wh[at] - path.energy_wh[at]
         )
-        needed_wh = _battery_for(search.energy_wh, back.energy_wh[reach], scenario)
+        needed_wh = _battery_for(search.energy_wh, kept.energy_wh[reach], scenario)
         is_last = reach.stop >= len(stops) and bool((needed_wh <= vehicle.battery_wh).all())
         reached = at + (len(needed_wh) if is_last else int(np.argmax(needed_wh > vehicle.battery_wh))) - 1
         if reached <= at and not is_last:
@@ -173,8 +175,8 @@ def _battery_for(used_wh: F64, back_wh: F64, scenario: Scenario) -> F64:
     return np.asarray(needed_wh)
 
 
-def _legs(starts: F64, ends: F64, speed_mps: float, scenario: Scenario) -> Spent:
-    """Of straight legs (K, 2) to (K, 2), each flown from a stop, in the mean wind.
+def _legs(starts: F64, ends: F64, speed_mps: float, scenario: Scenario, gusts: float = 0.0) -> Spent:
+    """Of straight legs (K, 2) to (K, 2), each flown from a stop, in the mean wind, or a share stronger.
 
     The vehicle keeps ``speed_mps`` over ground where its air speed allows.
     """
@@ -182,7 +184,8 @@ def _legs(starts: F64, ends: F64, speed_mps: float, scenario: Scenario) -> Spent
     length_m = np.linalg.norm(way, axis=1)
     along = way / np.maximum(length_m, 1e-9)[:, None]
     heading = math.radians(scenario.wind.from_heading_deg)
-    wind = -scenario.wind.mean_speed_mps * np.array([math.sin(heading), math.cos(heading)])
+    mean = -scenario.wind.mean_speed_mps * np.array([math.sin(heading), math.cos(heading)])
+    wind = (1.0 + gusts) * mean
     tail, cross = along @ wind, along[:, 0] * wind[1] - along[:, 1] * wind[0]
     left = np.sqrt(np.maximum(scenario.safety.air_speed_max_mps**2 - cross**2, 0.0))
     over_ground = np.minimum(speed_mps, np.maximum(tail + left, _SLOWEST_MPS))

@@ -1,58 +1,192 @@
-"""The gaps that a mission left: ground where a target would probably have been missed, and a path over it."""
+"""The gaps that missions left: ground where a target would probably have been missed, and a path over it."""
 
 from __future__ import annotations
 
+import itertools
 import json
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
-from skysweep.arrays import F64
+from skysweep.arrays import F64, I64
 from skysweep.errors import UserError
 from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.coverage import CoveragePlan, plan_coverage
 from skysweep.results.exports import xml_document
-from skysweep.results.pod import CoverageMap
+from skysweep.results.pod import CoverageMap, coverage_of
+from skysweep.results.run_folder import Run
+from skysweep.scenarios.files import NULL, change_scenario
 from skysweep.scenarios.model import Scenario
+from skysweep.strategies.covering import as_covered
 
-_LEAST_CELLS = 4.0  # of a gap that is worth flying to
+_LEAST_SHARE = 0.01  # of the ground in a picture: a smaller patch is not worth a way of its own
+_SLIVER = 0.01  # of a cell that only touches the ground
+_CORNER = 0.1  # of a cell
+_BELOW = 0.99  # of the height of a scan: checks, of which scan-only has none
 
 
 class Gap(NamedTuple):
-    """Connected ground of the area with too low a probability of detection."""
+    """Patches of the area with too low a probability of detection, and the ground that joins them."""
 
     polygon: shapely.Polygon  # ENU metres, holes kept
-    mean_pod: float
+    area_m2: float  # of the patches
+    mean_pod: float  # there
 
 
-def gaps_of(coverage: CoverageMap, scenario: Scenario, least_pod: float) -> list[Gap]:
-    """Where the POD is below ``least_pod`` (0..1), the largest first.
+class Gaps(NamedTuple):
+    """All ground of an area with too low a probability of detection, the largest first."""
 
-    Patches of a few cells are left out. Those nearer to each other than half a swath are one gap, since a
-    path over one shows the other.
+    to_fly: list[Gap]
+    small: list[Gap]  # not worth flying to
+    no_fly: list[Gap]  # inside ``safety.no_fly_enu_m``
+
+    def drawn(self) -> Iterator[tuple[str, Gap]]:
+        """What somebody should search, in the air or on foot, with its name."""
+        for name, gaps in (("gap", self.to_fly), ("no-fly", self.no_fly)):
+            yield from ((f"{name} {k}", gap) for k, gap in enumerate(gaps, 1))
+
+
+def coverage_of_flights(runs: Sequence[Run]) -> CoverageMap:
+    """What flights over one area found together, as one map: a target hard to see is so in all of them.
+
+    Raises UserError where two are the same flight, or differ in what the map is made of.
     """
-    pod, cell_m = coverage.pod(), coverage.cell_m
-    low = coverage.inside & (pod < least_pod)
-    rows, columns = np.nonzero(low)
-    west, south = coverage.bounds_enu_m[0] + columns * cell_m, coverage.bounds_enu_m[1] + rows * cell_m
-    cells = shapely.box(west, south, west + cell_m, south + cell_m)
-    patches = shapely.get_parts(shapely.union_all(cells, grid_size=cell_m / 1000.0))
-    patches = patches[shapely.area(patches) >= _LEAST_CELLS * cell_m**2]
-    near_m = scenario.camera.lens.footprint_m(scenario.search.scan_altitude_agl_m)[0] / 4.0
-    joined = shapely.union_all(shapely.buffer(patches, near_m, join_style="mitre")).buffer(
-        -near_m, join_style="mitre"
+    first = runs[0]
+    coverage = coverage_of(first)
+    for k, run in enumerate(runs[1:], 1):
+        for before in runs[:k]:
+            if all(a == b for a, b in zip(before.records, run.records, strict=False)):
+                raise UserError(f"{run.folder}: is the same flight as {before.folder}; name each once")
+        parts, others = _seen_with(first.scenario), _seen_with(run.scenario)
+        other = next((name for name in parts if parts[name] != others[name]), None)
+        if other is not None:
+            raise UserError(
+                f"{run.folder}: was flown with another {other} than {first.folder}; name flights that share "
+                "area, ground, targets, camera and detector"
+            )
+        coverage.begin_journal()
+        for line in run.records:
+            coverage.add(line)
+    return coverage
+
+
+def _seen_with(scenario: Scenario) -> dict[str, Any]:
+    """What a map of the coverage depends on, beside the flight."""
+    s = scenario
+    return {
+        "frame (home)": s.frame,
+        "area": s.area_enu_m,
+        "ground": (s.terrain, s.trees, s.forests, s.buildings, s.buildings_file),
+        "kind of target": (s.target_sizes_m, s.target_poses),
+        "camera": s.camera,
+        "detector": s.detector,
+    }
+
+
+def flown_again(scenario: Scenario) -> Scenario:
+    """The scenario, with scan-only at the height of its strategy where that flies no drawn plan."""
+    covered_from_m = as_covered(scenario).search.scan_altitude_agl_m
+    if covered_from_m == scenario.search.scan_altitude_agl_m:
+        return scenario
+    changes = {
+        "search.strategy": "scan-only",
+        "search.parameters": {},
+        "search.plan": NULL,
+        "search.scan_altitude_agl_m": covered_from_m,
+        "search.check_altitude_agl_m": min(scenario.search.check_altitude_agl_m, _BELOW * covered_from_m),
+    }
+    return change_scenario(scenario, changes)
+
+
+class _Low(NamedTuple):
+    """The cells below a POD, and ``joined``: the same with the ground between those near to each other."""
+
+    cells: Any  # (N,) squares, ENU metres
+    pod: F64  # (N,)
+    group: I64  # (N,) number of the patches within reach of each other
+    joined: shapely.Geometry
+
+
+def gaps_of(coverage: CoverageMap, scenario: Scenario, least_pod: float) -> Gaps:
+    """Where the POD is below ``least_pod`` (0..1).
+
+    Patches nearer to each other than half a swath are a group, and one gap where one pass shows all of them.
+    A group is small below a hundredth of a picture from the scan's height.
+    """
+    swath_m, along_m = scenario.camera.lens.footprint_m(scenario.search.scan_altitude_agl_m)
+    low = _low_cells(coverage, least_pod, swath_m / 4.0)
+    area = scenario.area_enu_m
+    no_fly = shapely.union_all([shapely.Polygon(ring) for ring in scenario.safety.no_fly_enu_m])
+
+    def is_worth(group: list[Gap]) -> bool:
+        return sum(gap.area_m2 for gap in group) >= _LEAST_SHARE * swath_m * along_m
+
+    groups = _groups_on(area.difference(no_fly), low, swath_m)
+    kinds = (
+        filter(is_worth, groups),
+        itertools.filterfalse(is_worth, groups),
+        _groups_on(area.intersection(no_fly), low, swath_m),
     )
-    within = joined.simplify(0.5 * cell_m).intersection(scenario.area_enu_m)
-    middles = shapely.points(west + 0.5 * cell_m, south + 0.5 * cell_m)
-    gaps = []
-    for part in shapely.get_parts(within):
-        if part.geom_type == "Polygon" and part.area >= _LEAST_CELLS * cell_m**2:
-            held = shapely.intersects(part, middles)
-            gaps.append(Gap(part, float(pod[rows[held], columns[held]].mean()) if held.any() else 0.0))
-    return sorted(gaps, key=lambda gap: -gap.polygon.area)
+    return Gaps(*(sorted(itertools.chain(*kind), key=lambda gap: -gap.area_m2) for kind in kinds))
+
+
+def _low_cells(coverage: CoverageMap, least_pod: float, reach_m: float) -> _Low:
+    low = coverage.inside & (coverage.pod() < least_pod)
+    r = round(reach_m / coverage.cell_m)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * r + 1, 2 * r + 1))
+    wide = cv2.dilate(np.pad(low, r + 1).astype(np.uint8), disc)
+    group = cv2.connectedComponents(wide)[1][r + 1 : -r - 1, r + 1 : -r - 1][low]
+    edges = np.diff(cv2.erode(wide, disc).astype(int), axis=1)
+    (rows, starts), (_, ends) = np.nonzero(edges == 1), np.nonzero(edges == -1)
+    joined = shapely.union_all(_boxes(coverage, rows - r - 1, starts - r, ends - r))
+    margin_m = _CORNER * coverage.cell_m  # connects cells that touch at a corner
+    joined = joined.buffer(margin_m, join_style="mitre").simplify(margin_m)
+    rows, columns = np.nonzero(low)
+    return _Low(_boxes(coverage, rows, columns, columns + 1), coverage.pod()[low], group, joined)
+
+
+def _boxes(coverage: CoverageMap, rows: I64, starts: I64, ends: I64) -> Any:
+    """The ground (N,) of cells of a row, from one column up to another."""
+    west, south = coverage.bounds_enu_m[:2]
+    x, to_x = west + starts * coverage.cell_m, west + ends * coverage.cell_m
+    y, to_y = south + rows * coverage.cell_m, south + (rows + 1) * coverage.cell_m
+    return shapely.box(x, y, to_x, to_y)
+
+
+def _groups_on(ground: shapely.Geometry, low: _Low, swath_m: float) -> list[list[Gap]]:
+    """The gaps of each group on some ground."""
+    patches = shapely.intersection(low.cells, ground)
+    told = shapely.area(patches) > _SLIVER * shapely.area(low.cells)
+    if not told.any():
+        return []
+    patches, pod, group = patches[told], low.pod[told], low.group[told]
+    area_m2 = shapely.area(patches)
+    parts = shapely.get_parts(low.joined.intersection(ground))
+    part = shapely.STRtree(parts).nearest(patches)
+
+    def gap(polygon: shapely.Polygon, held: NDArray[np.bool_]) -> Gap:
+        return Gap(polygon, float(area_m2[held].sum()), float(np.average(pod[held], weights=area_m2[held])))
+
+    groups = []
+    for number in np.unique(group):
+        held = group == number
+        hull = shapely.convex_hull(shapely.union_all(patches[held])).intersection(ground)
+        if hull.geom_type == "Polygon" and _across_m(hull) <= swath_m:
+            groups.append([gap(hull, held)])
+        else:
+            groups.append([gap(parts[k], held & (part == k)) for k in np.unique(part[held])])
+    return groups
+
+
+def _across_m(polygon: shapely.Polygon) -> float:
+    """The shorter side of the rectangle around it."""
+    corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(polygon))
+    return float(np.linalg.norm(np.diff(corners[:3], axis=0), axis=1).min())
 
 
 def path_over(gaps: Sequence[Gap], scenario: Scenario) -> CoveragePlan:
@@ -82,27 +216,27 @@ def path_over(gaps: Sequence[Gap], scenario: Scenario) -> CoveragePlan:
     )
 
 
-def gaps_geojson(gaps: Sequence[Gap], frame: LocalFrame) -> bytes:
+def gaps_geojson(gaps: Gaps, frame: LocalFrame) -> bytes:
     """A FeatureCollection of polygons; ``class`` and ``title`` are what CalTopo imports."""
     features = [
         {
             "type": "Feature",
             "geometry": {"type": "Polygon", "coordinates": _rings_lon_lat(gap, frame)},
-            "properties": {"class": "Shape", "title": f"gap {k}", **_figures(gap)},
+            "properties": {"class": "Shape", "title": name, **_figures(gap)},
         }
-        for k, gap in enumerate(gaps, 1)
+        for name, gap in gaps.drawn()
     ]
     return (json.dumps({"type": "FeatureCollection", "features": features}, indent=1) + "\n").encode()
 
 
-def gaps_kml(gaps: Sequence[Gap], frame: LocalFrame, name: str) -> bytes:
+def gaps_kml(gaps: Gaps, frame: LocalFrame, mission: str) -> bytes:
     """Placemarks of polygons."""
     root = ET.Element("kml", xmlns="http://www.opengis.net/kml/2.2")
     document = ET.SubElement(root, "Document")
-    ET.SubElement(document, "name").text = f"{name}: gaps"
-    for k, gap in enumerate(gaps, 1):
+    ET.SubElement(document, "name").text = f"{mission}: gaps"
+    for name, gap in gaps.drawn():
         placemark = ET.SubElement(document, "Placemark")
-        ET.SubElement(placemark, "name").text = f"gap {k}"
+        ET.SubElement(placemark, "name").text = name
         figures = _figures(gap)
         words = f"{figures['area_m2']:,.0f} m2, mean POD {figures['mean_pod']:.0%}"
         ET.SubElement(placemark, "description").text = words
@@ -115,7 +249,7 @@ def gaps_kml(gaps: Sequence[Gap], frame: LocalFrame, name: str) -> bytes:
 
 
 def _figures(gap: Gap) -> dict[str, float]:
-    return {"area_m2": round(gap.polygon.area, 1), "mean_pod": round(gap.mean_pod, 3)}
+    return {"area_m2": round(gap.area_m2, 1), "mean_pod": round(gap.mean_pod, 3)}
 
 
 def _rings_lon_lat(gap: Gap, frame: LocalFrame) -> list[list[list[float]]]:

@@ -24,7 +24,8 @@ _MAX_CELLS = 40_000
 _LATEST_S = 1.0  # by which an answer may be later than usual
 _FARTHEST_M = 1e6
 _LONGEST_AXIS = 1.01  # of a rotation, rounded
-_LONGEST_GAP_S = 2.0  # between two states: beyond, nobody knows where the camera was
+LONGEST_GAP_S = 2.0  # between two states: beyond, nobody knows where the camera was
+_STILL = CameraMotion(np.zeros(3), np.zeros(3))
 
 
 class _State(NamedTuple):
@@ -52,6 +53,7 @@ class CoverageMap:
         self._states: deque[_State] = deque()  # the newest, as many as answers may still be about
         self._due_s: deque[float] = deque()  # exposures that were answered and not looked at yet
         self._looks: list[tuple[float, CameraPose, CameraMotion]] = []  # all that count, by exposure
+        self._looks_before: list[tuple[float, CameraPose, CameraMotion]] = []  # of other journals
 
     @classmethod
     def of(cls, scenario: Scenario) -> CoverageMap | None:
@@ -74,6 +76,14 @@ class CoverageMap:
             self._answer(line)
         elif kind == "setup":
             self._keeps_looks = line.get("sensor") == "imaging"
+
+    def begin_journal(self) -> None:
+        """The next lines are of another flight, which adds to what was seen."""
+        self._states.clear()
+        self._due_s.clear()
+        self._keeps_looks = False
+        self._looks_before += self._looks
+        self._looks = []
 
     def _state(self, line: Mapping[str, Any]) -> None:
         camera = line.get("cam")
@@ -102,17 +112,23 @@ class CoverageMap:
         """Look from where the camera was at every exposure that is due and lies between two states."""
         while self._due_s and self._states and self._due_s[0] <= self._states[-1].time_s:
             exposed_s = self._due_s.popleft()
-            for before, after in pairwise(self._states):
+            for before, after in pairwise((self._states[0], *self._states)):
                 if before.time_s <= exposed_s <= after.time_s:
                     self._look_between(before, after, exposed_s)
                     break
 
     def _look_between(self, before: _State, after: _State, exposed_s: float) -> None:
         lasted_s = after.time_s - before.time_s
-        if not before.searches or not 0.0 < lasted_s <= _LONGEST_GAP_S:
-            return
-        pose = pose_between(before.camera, after.camera, (exposed_s - before.time_s) / lasted_s)
-        motion = motion_between(before.camera, after.camera, pose.R_camera_to_enu, lasted_s)
+        if 0.0 < lasted_s <= LONGEST_GAP_S:
+            if not before.searches:
+                return
+            pose = pose_between(before.camera, after.camera, (exposed_s - before.time_s) / lasted_s)
+            motion = motion_between(before.camera, after.camera, pose.R_camera_to_enu, lasted_s)
+        else:  # a photo's pose is told, its motion is not
+            photo = next((s for s in (before, after) if s.searches and s.time_s == exposed_s), None)
+            if photo is None:
+                return
+            pose, motion = photo.camera, _STILL
         self._looks.append((exposed_s, pose, motion))
         self._cells.look(pose, motion)
 
@@ -123,13 +139,16 @@ class CoverageMap:
         if len(kept) < len(self._looks):
             self._looks = kept
             self._cells.clear()
-            for _, pose, motion in kept:
+            for _, pose, motion in (*self._looks_before, *kept):
                 self._cells.look(pose, motion)
 
 
-def coverage_of(run: Run) -> CoverageMap:
-    """The map of a mission so far. Raises UserError where its detector and camera have no sensor model."""
-    coverage = CoverageMap(run.scenario, model_for(run.scenario, "do without the coverage"))
+def coverage_of(run: Run, instead: str = "do without the coverage") -> CoverageMap:
+    """The map of a mission so far.
+
+    Raises UserError, which says what to do ``instead``, where its detector and camera have no sensor model.
+    """
+    coverage = CoverageMap(run.scenario, model_for(run.scenario, instead))
     for line in run.records:
         coverage.add(line)
     return coverage
@@ -137,7 +156,7 @@ def coverage_of(run: Run) -> CoverageMap:
 
 def _multiples(period_s: float, after_s: float, until_s: float) -> list[float]:
     """Those of a period after one time and up to another that is not long after it."""
-    if until_s - after_s > _LONGEST_GAP_S:
+    if until_s - after_s > LONGEST_GAP_S:
         return []
     first, last = (math.floor(t / period_s + 1e-6) for t in (after_s, until_s))
     return [k * period_s for k in range(first + 1, last + 1)]

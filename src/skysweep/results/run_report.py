@@ -24,6 +24,7 @@ from skysweep.results.reporting.wording import (
     counted,
     definitions,
     is_said,
+    moving_words,
     order_words,
     parameters,
     probability_of,
@@ -86,7 +87,7 @@ def _coverage(run: Run) -> list[Picture]:
     caption = (
         "How probably a target would have been reported at least once at each place, by the sensor model. "
         f"The mean over the area is {share(pod.mean())}; {poor} of it is below {_POOR_POD:.0%}. The line is "
-        "the path."
+        f"the path. {moving_words(run.scenario)}".rstrip()
     )
     return [Picture(data_uri(coverage_map_png(run, coverage), "image/png"), caption)]
 

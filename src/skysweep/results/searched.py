@@ -2,52 +2,79 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from skysweep.arrays import F64
+from skysweep.errors import UserError
 from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.prior.flown import ground_path
 from skysweep.planning.prior.maps import ProbabilityMap
-from skysweep.results.metrics import looking_states
+from skysweep.results.metrics import seen_footprints
+from skysweep.results.pod import LONGEST_GAP_S, CoverageMap, coverage_of
 from skysweep.results.run_folder import Run
-from skysweep.sensing.statistical.sweep_width import sweep_width_from
 
-_BANDS_PER_OCTAVE = 4  # of altitude; one band has one sweep width
-_LOWEST_M = 1.0
+_LEAST_MISSED = 1e-9
 
 
 def coverage_of_run(run: Run, cells: ProbabilityMap, sweep_width_m: float | None = None) -> F64:
     """Coverage (R, C) of each cell by what was flown of the search while looks were answered.
 
-    Without a sweep width it is that of the run's calibrated sensor at the altitude flown above ground; raises
-    UserError where the sensor model is not for the run's camera and detector.
+    It is -log(1 - POD) of the run's ``CoverageMap``, averaged over the cell's ground; nothing outside of the
+    run's area. A sweep width counts the track instead. Raises UserError for a run without a sensor model, and
+    for the sweep width of pictures, which have no track.
     """
-    octaves = np.log2(np.maximum(run.altitudes_agl_m, _LOWEST_M))
-    bands = np.where(looking_states(run), np.round(_BANDS_PER_OCTAVE * octaves).astype(int), -1)
-    places = _places(run, cells.frame)
-    coverage = np.zeros(cells.poa.shape)
-    for band in np.unique(bands[bands >= 0]):
-        width_m = sweep_width_m
-        if width_m is None:
-            width_m = sweep_width_from(run.scenario, 2.0 ** (band / _BANDS_PER_OCTAVE))
-        if width_m > 0.0:
-            coverage += cells.coverage_by(_stretches(places, bands == band), width_m)
-    return coverage
+    if sweep_width_m is None:
+        searched = coverage_of(run, "write --sweep-width-m")
+        missed = _missed(searched, run.scenario.frame, cells)
+        return np.asarray(-np.log(np.maximum(missed, _LEAST_MISSED)))
+    if run.is_photographed:
+        raise UserError("--sweep-width-m: is of a track, and pictures have none; leave it out")
+    return cells.coverage_by(scanned_paths(run, cells.frame), sweep_width_m)
 
 
 def scanned_paths(run: Run, frame: LocalFrame) -> list[F64]:
-    """The tracks (K, 2) that count, ENU metres of a frame."""
-    return _stretches(_places(run, frame), looking_states(run))
+    """The tracks (K, 2) along which the camera saw ground, ENU metres of a frame."""
+    states = run.states
+    saw, step_s = np.isin(states.time_s, seen_footprints(run)[0]), np.diff(states.time_s)
+    geodetic = run.scenario.frame.geodetic_from_enu(states.position_enu_m)
+    flown = saw[:-1] & (step_s > 0.0) & (step_s <= LONGEST_GAP_S)
+    return _stretches(ground_path(geodetic[:, :2], frame), flown)
 
 
-def _places(run: Run, frame: LocalFrame) -> F64:
-    geodetic = run.scenario.frame.geodetic_from_enu(run.states.position_enu_m)
-    return ground_path(geodetic[:, :2], frame)
+def _missed(searched: CoverageMap, frame: LocalFrame, cells: ProbabilityMap) -> F64:
+    """(R, C) chance that a target somewhere in a cell was not reported.
+
+    The mean over points of the cell that lie as close together as the POD's cells.
+    """
+    west, south, east, north = searched.bounds_enu_m
+    centres_m, aside_m = cells.centres_xy_m.reshape(-1, 2), cells.cell_size_m
+    x, y = _moved(centres_m, cells.frame, frame).T
+    near = np.flatnonzero(
+        (x > west - aside_m) & (x < east + aside_m) & (y > south - aside_m) & (y < north + aside_m)
+    )
+    pod, across = searched.pod(), max(1, math.ceil(aside_m / searched.cell_m))
+    steps_m = aside_m * ((np.arange(across) + 0.5) / across - 0.5)
+    missed = np.ones(cells.poa.size)
+    for step_m in np.stack(np.meshgrid(steps_m, steps_m), axis=-1).reshape(-1, 2):
+        x, y = _moved(centres_m[near] + step_m, cells.frame, frame).T
+        there = (x >= west) & (x < east) & (y >= south) & (y < north)
+        column = ((x[there] - west) / searched.cell_m).astype(int)
+        row = ((y[there] - south) / searched.cell_m).astype(int)
+        missed[near[there]] -= pod[row, column] / across**2
+    return missed.reshape(cells.poa.shape)
 
 
-def _stretches(places: F64, chosen: NDArray[np.bool_]) -> list[F64]:
-    """The parts of a track (N, 2) that chosen states (N,) begin, each as far as the state after it."""
-    edges = np.diff(np.concatenate([[False], chosen, [False]]).astype(int))
+def _moved(places_m: F64, of: LocalFrame, to: LocalFrame) -> F64:
+    """Places (N, 2) of one frame in another."""
+    geodetic = of.geodetic_from_enu(np.column_stack([places_m, np.zeros(len(places_m))]))
+    return ground_path(geodetic[:, :2], to)
+
+
+def _stretches(places: F64, flown: NDArray[np.bool_]) -> list[F64]:
+    """The connected parts of a track (N, 2), of whose N - 1 steps those ``flown`` count."""
+    edges = np.diff(np.concatenate([[False], flown, [False]]).astype(int))
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     return [places[start : end + 1] for start, end in zip(starts, ends, strict=True)]

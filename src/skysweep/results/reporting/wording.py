@@ -46,6 +46,15 @@ def parameters(scenario: Scenario) -> Grid:
     return Grid(("What", "Value"), list(rows.items()), words=True)
 
 
+def moving_words(scenario: Scenario) -> str:
+    """What a probability of detection does not say of targets that may move; empty if they do not."""
+    of_targets = [generator for generator in scenario.generators if generator.kind in scenario.target_classes]
+    moving = any(target.motion for target in scenario.targets) or any(g.motion for g in of_targets)
+    if not moving and not scenario.search.target_speed_mps:
+        return ""
+    return "Targets may move: the POD counts where they were when looked for, and not where they are now."
+
+
 def _batteries(vehicle: VehicleLimits) -> str:
     if vehicle.batteries == 1:
         return f"battery {vehicle.battery_wh:g} Wh"
