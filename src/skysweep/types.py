@@ -292,7 +292,8 @@ class Vehicle(Protocol):
 
     ``truth`` is of a vehicle that is simulated in this process; None of every other. A simulated vehicle may
     also have ``change_battery()``, which puts in a full one on the ground. Every other one waits there until
-    the operator says that its battery was changed.
+    the operator says that its battery was changed. One that somebody else may fly has ``regain(holder)``: the
+    operator takes it back from whom ``taken_over`` named, or from anybody (None). It says why not, or ''.
     """
 
     truth: Truth | None

@@ -13,13 +13,19 @@ from skysweep.results.journal_lines import can_be_gone_on_with
 numbers = st.floats() | st.floats(-1000, 1000)
 
 
-@given(st.text(), st.none() | st.integers(0, 2**31), st.none() | st.tuples(numbers, numbers))
-def test_the_journal_gives_an_order_back_as_it_was_obeyed(word, candidate_id, xy_enu_m):
-    order = Order(word, candidate_id, xy_enu_m).as_recorded()
+@given(
+    st.text(),
+    st.none() | st.integers(0, 2**31),
+    st.none() | st.tuples(numbers, numbers),
+    st.none() | st.text(),
+)
+def test_the_journal_gives_an_order_back_as_it_was_obeyed(word, candidate_id, xy_enu_m, holder):
+    order = Order(word, candidate_id, xy_enu_m, holder).as_recorded()
     x, y = order.xy_enu_m or (math.nan, math.nan)
     place = {} if order.xy_enu_m is None else {"p": (x, y, 1.23456)}
     who = {} if order.candidate_id is None else {"candidate": order.candidate_id}
-    line = json.loads(json.dumps(line_of(7.0, "operator", {"word": word} | who | place)))
+    whose = {} if holder is None else {"holder": holder}
+    line = json.loads(json.dumps(line_of(7.0, "operator", {"word": word} | who | place | whose)))
     assert can_be_gone_on_with(line)
     assert Order.of_line(line) == order
     assert order.as_recorded() == order

@@ -17,6 +17,7 @@ from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.looks import Looks
 from skysweep.mission.loop import fly
 from skysweep.mission.safety import Action, Guard, Phase
+from skysweep.planning.flight_plan import GUSTS, LEG_LAG_S
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.exposures import Exposures
 from skysweep.types import Command, Setpoint, VehicleState, Waypoint
@@ -330,6 +331,17 @@ def test_the_reserve_grows_with_distance_and_head_wind():
     assert energy.home_wh((500, 0), 30.0, breezy) > 1.5 * energy.home_wh((-500, 0), 30.0, breezy)
     assert energy.home_wh((500, 0), 4.0, calm) > far
     assert energy.home_wh((500, 0), 30.0, (12.0, 0.0)) == math.inf
+
+
+def test_the_way_home_is_reserved_for_a_wind_a_little_stronger_than_it_is_told():
+    """Against 7 m/s, a twentieth more takes a seventh more energy: without, one landed short of home."""
+    told, stronger = Watched().energy, (7.0 * (1.0 + GUSTS), 0.0)
+    landing_wh = told.landing_wh(30.0, stronger)
+    way_wh = told.home_wh((500, 0), 30.0, (7.0, 0.0)) - landing_wh
+    air_mps = scenario().safety.air_speed_max_mps
+    seconds = 500.0 / (air_mps - stronger[0]) + LEG_LAG_S
+    assert way_wh == pytest.approx(told.power_w(air_mps) * seconds / 3600.0)
+    assert way_wh > 1.1 * told.power_w(air_mps) * (500.0 / (air_mps - 7.0)) / 3600.0
 
 
 def test_the_reserve_counts_the_way_round_a_no_fly_area():

@@ -445,7 +445,8 @@ def test_whoever_takes_it_over_keeps_it_until_a_person_gives_it_back():
             order()
             vehicle.advance(0.5)
             assert pilot.mode in (PX4Mode.RETURN, PX4Mode.LAND)
-        vehicle.regain()
+        time.sleep(1.5)
+        assert vehicle.regain(vehicle.state().taken_over) == ""
         vehicle.advance(0.5)
         assert (pilot.mode, vehicle.state().taken_over) == (PX4Mode.OFFBOARD, "")
         pilot.change_mode(PX4Mode.RETURN)

@@ -3,16 +3,18 @@
 import numpy as np
 import pytest
 from look_alike import LookAlike
-from takeovers import HOLD, LAND, OFFBOARD, POSITION
+from takeovers import ALTITUDE, HOLD, LAND, OFFBOARD, POSITION
 
 from skysweep.errors import UserError
 from skysweep.flights.build import build_mission
 from skysweep.flights.fly import fly_to_folder
+from skysweep.flights.on_px4 import _Waiting
 from skysweep.flights.resume import begun_scenario, resume_folder
 from skysweep.flights.rig import Rig
 from skysweep.mission.journal import MemoryJournal, read_journal
 from skysweep.mission.loop import fly
-from skysweep.mission.orders import TAKE_BACK, Order
+from skysweep.mission.orders import CONTINUE, TAKE_BACK, Order
+from skysweep.results.journal_lines import can_be_gone_on_with
 from skysweep.results.run_folder import load_run
 from skysweep.scenarios.model import Scenario
 from skysweep.vehicles.mavlink.dialect import mavlink as m
@@ -49,8 +51,6 @@ class Flight:
 
         def operator():
             order, self._order = self._order, None
-            if order == Order(TAKE_BACK):  # as Px4Flight does
-                self.there.vehicle.regain()
             return order
 
         self.reason = fly(mission, journal, watch, operator)
@@ -72,6 +72,8 @@ class Flight:
 class Pilot:
     """Takes the vehicle ``at_s`` into a scan and flies it away; gives it back ``for_s`` later."""
 
+    is_given_back = False
+
     def __init__(self, at_s=18.0, for_s=25.0):
         self.at_s, self.for_s, self.took_s, self.took_at, self.ours = at_s, for_s, None, None, []
 
@@ -86,7 +88,8 @@ class Pilot:
         elif self.took_s is not None and state.time_s < self.took_s + self.for_s:
             self.ours += there.orders()
             assert there.flown()[0] == POSITION
-        elif state.taken_over:
+        elif state.taken_over and not self.is_given_back:
+            self.is_given_back = True
             there.sticks(moving=False)
             return Order(TAKE_BACK)
         return None
@@ -98,12 +101,148 @@ def test_a_pilot_keeps_the_vehicle_and_the_search_goes_on_where_it_was_left():
     assert flight.reason == "completed"
     assert pilot.ours == []
     assert flight.safety == [("taken over", "KEEP_OUT"), ("taken over", "CONTINUE")]
-    assert "until a person says continue" in flight.of_kind("safety")[0]["sentence"]
+    taken = flight.of_kind("safety")[0]
+    assert "until a person says take back" in taken["sentence"]
+    assert taken["holder"].startswith("it is in Position: ")
+    assert can_be_gone_on_with(taken)
     away = max(np.linalg.norm(p - pilot.took_at) for _, _, p, taken in flight.states if taken)
     assert away > 30.0
     after = [p for t, mode, p, _ in flight.states if t > pilot.took_s + pilot.for_s and mode == "SCAN"]
     assert min(np.linalg.norm((p - pilot.took_at)[:2]) for p in after) < 3.0
     flight.assert_found()
+
+
+def test_the_journal_says_who_has_it_and_why_it_is_not_taken_back():
+    """A ground station holds it, then a pilot takes it; words that were meant for the first come later."""
+    words = [
+        (4.0, "hands", lambda there: there.command(m.MAV_CMD_DO_SET_MODE, 1, *POSITION)),
+        (7.0, "order", Order(CONTINUE)),
+        (8.0, "order", Order(TAKE_BACK, holder="it is in Hold: somebody chose that")),
+        (9.0, "hands", lambda there: there.cut(3.0)),
+        (10.0, "order", Order(TAKE_BACK)),
+        (15.0, "order", Order(TAKE_BACK, holder="it is in Position: somebody chose that")),
+    ]
+    begun_s = []
+
+    def happens(there, state, mode):
+        if not begun_s and state.time_s > 20.0:
+            begun_s.append(there.now_s())
+            there.sticks(moving=False)
+            there.wait(0.3)
+            there.command(m.MAV_CMD_DO_SET_MODE, 1, *HOLD)
+        if begun_s and words and there.now_s() > begun_s[0] + words[0][0]:
+            assert words[0][0] < 5.0 or there.flown()[0] == POSITION
+            _, kind, what = words.pop(0)
+            if kind == "order":
+                return what
+            what(there)
+        return None
+
+    flight = Flight(happens)
+    assert flight.reason == "completed"
+    said = [line for line in flight.of_kind("safety") if line["cause"] in ("taken over", "operator")]
+    assert [line.get("holder") for line in said] == [
+        "it is in Hold: somebody chose that",
+        "it is in Position: somebody chose that",
+        None,
+        None,
+        None,
+        None,
+    ]
+    assert [line["sentence"] for line in said[2:]] == [
+        "Somebody else flies the vehicle: say take back.",
+        "Not taken back: since then somebody else took the vehicle (it is in Position: somebody chose that); "
+        "say take back again.",
+        "Not taken back: the vehicle is not heard; say it again when it is.",
+        "The vehicle is the mission's again.",
+    ]
+    orders = flight.of_kind("operator")
+    assert [line.get("holder", "") for line in orders] == ["", said[0]["holder"], "", said[1]["holder"]]
+    flight.assert_found()
+
+
+class CalledOff:
+    """A flight of ``Px4Flight`` on the look-alike, with orders before it takes off."""
+
+    def __init__(self, folder, operator):
+        self.folder = folder
+        self.there = LookAlike(5, small(), BOOTED_S)
+        waiting = _Waiting(lambda: operator(self.there))
+        self.there.vehicle.is_called_off = waiting.calls_off
+        self.there.sticks(moving=False)
+        self.there.wait(2.0)
+        with pytest.raises(UserError) as ended:
+            fly_to_folder(
+                small(), 0, folder, Rig("statistical", vehicle=self.there.vehicle, operator=waiting)
+            )
+        self.why = str(ended.value)
+        self.orders = self.there.orders()
+        self.lines = read_journal(folder / "journal.jsonl")
+
+    def assert_on_the_ground(self, *words):
+        assert not self.there.flown()[1]
+        assert [line["word"] for line in self.lines if line["kind"] == "operator"] == list(words)
+        (said,) = [line for line in self.lines if line["kind"] == "safety"]
+        assert (said["t"], said["cause"], said["action"]) == (0.0, "operator", "HOLD")
+        assert said["sentence"] == "The operator calls the take-off off."
+
+
+@pytest.mark.parametrize("words", [("hold",), ("return",), ("continue", "hold")])
+def test_a_word_before_arming_keeps_it_on_the_ground(tmp_path, words):
+    waiting = list(map(Order, words))
+    flight = CalledOff(tmp_path / "run", lambda _there: waiting.pop(0) if waiting else None)
+    flight.assert_on_the_ground(*words)
+    assert flight.orders == []
+    assert flight.why == "the operator called the take-off off: nothing was armed"
+    flight.there.connect()
+    summary = resume_folder(tmp_path / "run", Rig(vehicle=flight.there.vehicle))
+    assert summary["completed"]
+    assert summary["n_confirmed"] == 2
+
+
+@pytest.mark.parametrize("word", ["hold", "return"])
+def test_a_word_while_it_arms_disarms_it(tmp_path, word):
+    waiting = [Order(word)]
+
+    def operator(there):
+        return waiting.pop() if waiting and there.flown()[1] else None
+
+    flight = CalledOff(tmp_path / "run", operator)
+    flight.assert_on_the_ground(word)
+    assert set(flight.orders) == {m.MAV_CMD_COMPONENT_ARM_DISARM}
+    assert flight.why == "the operator called the take-off off: the vehicle is disarmed again"
+
+
+def test_who_takes_it_while_it_arms_is_not_disarmed(tmp_path):
+    waiting = [Order("hold")]
+
+    def operator(there):
+        if not waiting or not there.flown()[1]:
+            return None
+        there.command(m.MAV_CMD_DO_SET_MODE, 1, *ALTITUDE)
+        there.wait(0.5)
+        return waiting.pop()
+
+    flight = CalledOff(tmp_path / "run", operator)
+    assert "it is in Altitude" in flight.why
+    assert flight.there.flown() == (ALTITUDE, True)
+
+
+def test_what_has_left_the_ground_holds_when_it_is_up(tmp_path):
+    waiting = [Order("hold"), Order("continue")]
+
+    def happens(there, state, mode):
+        return waiting.pop(0) if waiting and (len(waiting) == 2 or mode == "HOLD") else None
+
+    flight = Flight(happens)
+    assert flight.reason == "completed"
+    assert flight.safety == [("operator", "HOLD"), ("operator", "CONTINUE")]
+
+
+def test_the_last_word_before_take_off_counts(tmp_path):
+    waiting, vehicle = [Order("hold"), Order("confirm", 7), Order("continue")], LookAlike(5, small()).vehicle
+    rig = Rig("statistical", vehicle=vehicle, operator=lambda: waiting.pop(0) if waiting else None)
+    assert fly_to_folder(small(), 0, tmp_path / "run", rig)["completed"]
 
 
 def test_a_pilot_who_lands_ends_the_mission_and_what_was_seen_is_reported():
@@ -249,7 +388,7 @@ def test_the_operator_is_heard_while_px4_lands():
             return Order("hold")
         if held and state.time_s > held[0] + 15.0:
             held.append(state.time_s)
-            return Order(TAKE_BACK)
+            return Order(CONTINUE)
         return None
 
     flight = Flight(happens)

@@ -14,9 +14,12 @@ from mavlink_clients import served
 
 pytest.importorskip("mavsdk.mavsdk")
 
+from skysweep.errors import UserError
 from skysweep.flights.fly import fly_in_memory
 from skysweep.flights.on_px4 import Px4Flight
 from skysweep.flights.rig import Rig
+from skysweep.mission.journal import read_journal
+from skysweep.mission.orders import Order
 from skysweep.results.run_folder import load_run
 from skysweep.scenarios.files import write_scenario
 from skysweep.scenarios.model import Scenario
@@ -61,6 +64,21 @@ def test_a_mission_through_mavlink_finds_what_the_embedded_one_finds(tmp_path):
     assert np.hypot(landed[0] + 5.0, landed[1] + 5.0) < 4.0
     run = load_run(tmp_path / "run")
     assert run.scenario.home.latitude_deg == pytest.approx(small().home.latitude_deg, abs=1e-4)
+
+
+def test_a_hold_while_it_arms_disarms_it(tmp_path):
+    with served(small(), SPEED) as (server, (url,)), Px4Flight(small(), url, 30.0) as flight:
+        pilot, waiting = server.face.pilot, [Order("hold")]
+
+        def operator():
+            return waiting.pop() if waiting and pilot.armed else None
+
+        with pytest.raises(UserError, match="the vehicle is disarmed again"):
+            flight.fly(0, tmp_path / "run", "rendered", Rig("statistical", threads=1, operator=operator))
+        assert not pilot.armed
+    assert [line["word"] for line in read_journal(tmp_path / "run/journal.jsonl") if "word" in line] == [
+        "hold"
+    ]
 
 
 @pytest.fixture

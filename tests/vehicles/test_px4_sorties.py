@@ -37,7 +37,7 @@ class Sorties:
         of = of or in_sorties()
         self.there = LookAlike(5, of, BOOTED_S)
         mission = build_mission(of, 0, Rig("statistical", vehicle=self.there.vehicle))
-        journal, self.modes, self._order, since_s = MemoryJournal(), [], None, []
+        journal, self.modes, self._orders, since_s = MemoryJournal(), [], [], []
 
         def watch(state, mode, _new):
             self.modes.append((state.time_s, str(mode), self.there.sky.pilot.armed))
@@ -46,13 +46,11 @@ class Sorties:
                 return
             since_s.append(state.time_s)
             assert state.time_s - since_s[0] < 900.0
-            self._order = on_ground(self.there, state.time_s - since_s[0])
+            said = on_ground(self.there, state.time_s - since_s[0])
+            self._orders = said if isinstance(said, list) else [said]
 
         def operator():
-            order, self._order = self._order, None
-            if order == Order(TAKE_BACK):  # as Px4Flight does
-                self.there.vehicle.regain()
-            return order
+            return self._orders.pop(0) if self._orders else None
 
         self.reason = fly(mission, journal, watch, operator)
         self.lines = journal.lines
@@ -97,6 +95,19 @@ def test_a_person_changes_the_battery_and_says_continue():
     assert all(b >= a for a, b in pairwise(times))
     waiting = [armed for _, mode, armed in flight.modes if mode == "SWAP"]
     assert not any(waiting[30:])  # its motors stop soon after landing, and stay so
+
+
+def test_a_hold_right_after_continue_keeps_it_down():
+    def thinks_again(_there):
+        return [Order(CONTINUE), Order("hold")]
+
+    flight = Sorties(once((SWAP_S, new_battery), (SWAP_S + 5.0, thinks_again), (SWAP_S + 40.0, go)))
+    assert flight.reason == "completed"
+    (landed,), (again,) = flight.of_kind("sortie"), flight.of_kind("next_sortie")
+    assert again["t"] - landed["t"] >= SWAP_S + 39.0
+    said = [line["sentence"] for line in flight.of_kind("safety") if line["cause"] == "battery change"]
+    why = "the operator called the take-off off: nothing was armed"
+    assert f"No take-off: {why}. Say continue when it is ready." in said
 
 
 def test_it_never_takes_off_by_itself():

@@ -5,13 +5,16 @@ import numpy as np
 import pytest
 from tests.web.conftest import SHORT
 
+from skysweep.errors import UserError
 from skysweep.flights.fly import fly_to_folder
 from skysweep.flights.rig import Rig
 from skysweep.geometry.camera import Lens
 from skysweep.mission.journal import read_journal
+from skysweep.mission.orders import Order
 from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.web.ground import ground_picture
+from skysweep.web.orders import checked_order
 from skysweep.web.scene import heights_of
 
 BEARER = {"authorization": "Bearer the-token"}
@@ -27,6 +30,8 @@ def test_the_scene_says_all_that_the_map_needs(client):
     assert scene["utm"] == {"zone": 34, "letter": "V"}
     assert scene["targets"] == [{"class_name": "stop sign", "position_enu_m": [4.0, 3.0, 0.0]}]
     assert scene["coverage"]["rows"] * scene["coverage"]["cell_m"] >= 6
+    assert scene["simulated"]
+    assert not scene["external"]
     assert not scene["live"]
     assert not scene["controls"]
 
@@ -146,19 +151,42 @@ def test_orders_reach_the_mission(root, client_of):
         {"word": "hold"},
         {"word": "continue"},
         {"word": "return"},
+        {"word": "take back", "holder": "it is in Position: somebody chose that"},
         {"word": "reject", "candidate": 3},
         {"word": "confirm", "candidate": 0},
         {"word": "look", "position_enu_m": [4, -3.5]},
     )
-    assert codes == [202] * 6
+    assert codes == [202] * 7
     assert got == [
-        ("hold", None, None),
-        ("continue", None, None),
-        ("return", None, None),
-        ("reject", 3, None),
-        ("confirm", 0, None),
-        ("look", None, (4.0, -3.5)),
+        Order("hold"),
+        Order("continue"),
+        Order("return"),
+        Order("take back", holder="it is in Position: somebody chose that"),
+        Order("reject", 3),
+        Order("confirm", 0),
+        Order("look", None, (4.0, -3.5)),
     ]
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"word": "hold"},
+        {"word": "continue"},
+        {"word": "return"},
+        {"word": "take back", "holder": "a pilot"},
+        {"word": "confirm", "candidate": 3},
+        {"word": "look", "position_enu_m": [4, 3]},
+    ],
+)
+def test_an_order_that_was_passed_on_is_not_called_done(given):
+    assert " is asked to " in checked_order(given)[1]
+
+
+@pytest.mark.parametrize("holder", [None, "", 3, ["a pilot"], "x" * 2001])
+def test_the_vehicle_is_taken_back_from_somebody_only(holder):
+    with pytest.raises(UserError, match=r"^holder: .*reload the page"):
+        checked_order({"word": "take back", "holder": holder})
 
 
 def test_what_is_no_order_is_refused(root, client_of):
@@ -178,8 +206,9 @@ def test_what_is_no_order_is_refused(root, client_of):
         {"word": ["hold"]},
         {"word": {}},
         {"word": "look", "position_enu_m": [10**400, 0]},
+        {"word": "take back"},
     )
-    assert codes == [422] * 13
+    assert codes == [422] * 14
     assert got == []
 
 
@@ -200,7 +229,7 @@ def test_a_flood_of_orders_does_not_pile_up_before_the_mission_and_leaves_room_t
     assert set(codes) == {202, 429}
     assert codes[-1] == 202
     assert len(got) <= 21
-    assert got[-1][0] == "hold"
+    assert got[-1].word == "hold"
 
 
 def test_a_replay_and_a_mission_that_has_ended_take_no_orders(client, root, client_of):

@@ -16,7 +16,7 @@ import pytest
 from websockets.sync.client import connect
 
 from skysweep.errors import UserError
-from skysweep.mission.journal import read_journal
+from skysweep.mission.journal import FileJournal, read_journal
 from skysweep.mission.orders import Order
 from skysweep.web.live import LivePage
 from skysweep.web.security import Access
@@ -90,6 +90,95 @@ def test_an_order_on_the_page_reaches_the_mission(page):
     got = []
     eventually(lambda: got.append(live.order()) or got[-1])
     assert got[-1] == Order("look", None, (4.0, 3.0))
+
+
+def ordered(live, *given):
+    """Give orders on the page, and wait until the mission's process has them."""
+    for each in given:
+        asked(live.address, "/api/runs/_/operator", each)
+    eventually(lambda: len(live._steering) + len(live._others) == len(given))
+
+
+def taken(live):
+    """The words that the mission gets, tick by tick."""
+    words = []
+    while (order := live.order()) is not None:
+        words.append(order.word)
+    return words
+
+
+def test_a_hold_does_not_wait_behind_verdicts(page):
+    live, _ = page
+    verdicts = [{"word": word, "candidate": k} for k in range(15) for word in ("confirm", "reject")]
+    ordered(live, *verdicts, {"word": "hold"})
+    assert live.order() == Order("hold")
+    assert taken(live) == ["confirm", "reject"] * 15
+
+
+def test_a_continue_that_was_said_before_a_hold_does_not_follow_it(page):
+    live, _ = page
+    ordered(live, *({"word": word} for word in ("continue", "hold", "continue", "return")))
+    assert taken(live) == ["continue", "hold", "continue", "return"]
+
+
+EVERY_ORDER = [
+    {"word": "take back", "holder": "it is in Position"},
+    {"word": "hold"},
+    {"word": "continue"},
+    {"word": "return"},
+    {"word": "look", "position_enu_m": [4, 3]},
+    {"word": "reject", "candidate": 3},
+]
+
+
+@pytest.fixture
+def stood_still(monkeypatch):
+    """A mission that waits as long as this stood still."""
+    monkeypatch.setattr("skysweep.web.live._LATE_S", 0.2)
+    return 0.3
+
+
+def test_what_was_ordered_while_a_real_flight_stood_still_moves_it_only_home(
+    run, tmp_path, stood_still, caplog
+):
+    setup, *_ = read_journal(run / "journal.jsonl")
+    shutil.copytree(run, tmp_path / "real", ignore=shutil.ignore_patterns("journal.jsonl"))
+    journal = FileJournal(tmp_path / "real" / "journal.jsonl")
+    journal.write(
+        0.0, "setup", **{k: v for k, v in setup.items() if k not in ("t", "kind")} | {"replays": False}
+    )
+    journal.close()
+    live = LivePage(tmp_path / "real", Access("127.0.0.1"))
+    try:
+        ordered(live, *EVERY_ORDER)
+        time.sleep(stood_still)
+        assert taken(live) == ["hold", "return", "reject"]
+        left_out = [record.getMessage() for record in caplog.records]
+        assert [re.search("order to (.*) waited", said)[1] for said in left_out] == [
+            "take back",
+            "continue",
+            "look",
+        ]
+        ordered(live, {"word": "continue"})
+        assert taken(live) == ["continue"]
+    finally:
+        live.close()
+
+
+def test_a_slow_simulated_mission_is_steered(page, stood_still):
+    live, _ = page
+    ordered(live, *EVERY_ORDER)
+    time.sleep(stood_still)
+    assert taken(live) == ["take back", "hold", "continue", "return", "look", "reject"]
+
+
+def test_the_mission_knows_whether_the_server_is_there(page):
+    live, _ = page
+    asked(live.address, "/api/folder")
+    assert live.is_there
+    os.kill(live._server.pid, signal.SIGKILL)
+    eventually(lambda: not live.is_there)
+    assert live.order() is None
 
 
 def test_a_page_opened_again_comes_back_to_the_present(page, run):

@@ -1,8 +1,10 @@
 """The page in a real browser: what it shows, in pixels, and what it lets a person do."""
 
 import gzip
+import os
 import re
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -15,6 +17,7 @@ import numpy as np
 import pytest
 
 from skysweep.mission.journal import FileJournal, read_journal
+from skysweep.mission.orders import Order
 from skysweep.web.app import STATIC
 from skysweep.web.live import LivePage
 from skysweep.web.security import Access
@@ -377,27 +380,109 @@ def test_a_page_left_open_does_not_go_on_with_another_mission(run, tmp_path, ope
         second.stop()
 
 
-def test_a_vehicle_that_is_not_heard_is_said(run, tmp_path, open_page):
+@pytest.fixture
+def real_flight(run, tmp_path):
+    """The page's server of a PX4's mission that has begun, and its journal; its sensor may be simulated."""
     records = read_journal(run / "journal.jsonl")
-    records[0] |= {"truth": False}  # a real one
-    begun = [record for record in records if record["t"] < 10.0]
-    journal = written(tmp_path / "live", begun, run)
+    records[0] |= {"replays": False}
+    journal = written(tmp_path / "live", [record for record in records if record["t"] < 10.0], run)
     live = LivePage(tmp_path / "live", Access("127.0.0.1"), free_port())
+    yield live, journal
+    live.close()
+    journal.close()
+
+
+def test_a_vehicle_that_is_not_heard_is_said(run, real_flight, open_page):
+    live, journal = real_flight
+    page = open_page(live.address)
+    chip = page.locator(".chip")
+    page.locator(".chip[data-state=live]").wait_for()
+    assert chip.inner_text() == "Live"
+    page.locator(".chip[data-state=silent]").wait_for(timeout=15_000)
+    assert re.fullmatch(r"No news for \d+ s", chip.inner_text())
+    assert page.locator(".silent .figures").count() == 1
+    for record in (r for r in read_journal(run / "journal.jsonl") if 10.0 <= r["t"] < 11.0):
+        fields = dict(record)
+        journal.write(fields.pop("t"), fields.pop("kind"), **fields)
+    page.locator(".chip[data-state=live]").wait_for(timeout=5_000)
+
+
+def got(live):
+    """The mission's next order, once there is one."""
+    orders = []
+    assert eventually(lambda: orders.append(live.order()) or orders[-1])
+    return orders[-1]
+
+
+WATCH_TAKE_BACK = """() => {
+    window.seen = [];
+    const buttons = [...document.querySelectorAll(".controls button")];
+    const button = buttons.find((each) => each.textContent === "Take back");
+    const alert = document.querySelector(".holding");
+    const note = () => seen.push([performance.now(), alert.hidden ? "" : alert.textContent, button.disabled]);
+    const watched = { attributes: true, childList: true, subtree: true };
+    for (const element of [button, alert]) new MutationObserver(note).observe(element, watched);
+}"""
+
+
+def test_the_vehicle_is_taken_back_only_from_whom_was_read(real_flight, open_page):
+    live, journal = real_flight
+    page = open_page(live.address)
+    take_back = page.get_by_role("button", name="Take back")
+    alert = page.get_by_role("alert")
+    take_back.wait_for()
+    assert take_back.is_disabled()
+    page.evaluate(WATCH_TAKE_BACK)
+    for holder in ("it is in Position: somebody chose that", "it is in Land: somebody chose that"):
+        journal.write(10.0, "safety", cause="taken over", action="KEEP_OUT", sentence="", holder=holder)
+        alert.filter(has_text=holder).wait_for()
+        page.wait_for_function("() => seen.at(-1)[2] === false")
+        seen = [(t, disabled) for t, words, disabled in page.evaluate("seen") if holder in words]
+        assert seen[0][1]
+        assert seen[-1][0] - seen[0][0] > 900  # ms
+        take_back.click()
+        assert got(live) == Order("take back", holder=holder)
+    journal.write(11.0, "safety", cause="taken over", action="CONTINUE", sentence="")
+    alert.wait_for(state="hidden")
+    assert take_back.is_disabled()
+    assert not page.complaints
+
+
+def test_an_order_is_not_called_taken_before_the_mission_has_it(real_flight, open_page):
+    live, journal = real_flight
+    page = open_page(live.address)
+    answer = page.get_by_role("status")
+    page.locator(".chip[data-state=live]").wait_for()
+    page.get_by_role("button", name="Hold").click()
+    answer.filter(has_text="The vehicle is asked to hold. On its way.").wait_for()
+    answer.filter(has_text="Not taken so far: hold.").wait_for(timeout=20_000)
+    journal.write(10.1, "operator", word="hold")
+    answer.filter(has_text="Heard: hold.").wait_for()
+    page.get_by_role("button", name="Continue").click()
+    assert got(live) == Order("hold")
+    assert got(live) == Order("continue")
+    refusal = "Somebody else flies the vehicle: say take back."
+    journal.write(10.2, "operator", word="continue")
+    journal.write(10.2, "safety", cause="operator", action="CONTINUE", sentence=refusal)
+    answer.filter(has_text=refusal).wait_for()
+    page.get_by_role("button", name="Continue").click()
+    answer.filter(has_text="On its way.").wait_for()
+    live.close()
+    answer.filter(has_text="Not taken so far: continue.").wait_for(timeout=4_000)
+
+
+def test_an_order_that_nobody_answers_is_said_again(real_flight, open_page):
+    live, _ = real_flight
+    page = open_page(live.address)
+    page.locator(".chip[data-state=live]").wait_for()
+    os.kill(live._server.pid, signal.SIGSTOP)
     try:
-        page = open_page(live.address)
-        chip = page.locator(".chip")
-        page.locator(".chip[data-state=live]").wait_for()
-        assert chip.inner_text() == "Live"
-        page.locator(".chip[data-state=silent]").wait_for(timeout=15_000)
-        assert re.fullmatch(r"No news for \d+ s", chip.inner_text())
-        assert page.locator(".silent .figures").count() == 1
-        for record in (r for r in records if 10.0 <= r["t"] < 11.0):
-            fields = dict(record)
-            journal.write(fields.pop("t"), fields.pop("kind"), **fields)
-        page.locator(".chip[data-state=live]").wait_for(timeout=5_000)
+        page.get_by_role("button", name="Hold").click()
+        page.get_by_role("status").filter(has_text="No answer; it may not have arrived").wait_for(
+            timeout=20_000
+        )
     finally:
-        live.close()
-        journal.close()
+        os.kill(live._server.pid, signal.SIGCONT)
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -92,6 +92,19 @@ def test_a_session_shows_pictures_and_the_websocket_but_does_not_control(root, c
     assert given == []
 
 
+def test_the_session_that_a_server_of_another_port_gets_orders_nothing(root, client_of):
+    """Browsers send a cookie to every port of its host."""
+    given = []
+    client = client_of(root / "short", live="_", give=given.append)
+    client.post("/api/session", headers=BEARER)
+    (cookie,) = client.cookies.values()
+    assert "the-token" not in cookie
+    stolen = {"authorization": f"Bearer {cookie}"}
+    assert client.post("/api/runs/_/operator", json=ORDER, headers=stolen).status_code == 401
+    assert client.post("/api/session", headers=stolen).status_code == 401
+    assert given == []
+
+
 def test_controls_need_the_token_on_loopback_too(root, client_of):
     given = []
     client = client_of(root / "short", live="_", give=given.append)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import signal
 import time
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -33,6 +34,7 @@ from skysweep.cli.live import (
     HostOption,
     LiveOption,
     NoBrowserOption,
+    PageOrders,
     PortOption,
     TilesOption,
     live_page,
@@ -49,6 +51,7 @@ if TYPE_CHECKING:
     from skysweep.vehicles.px4.preflight import Check
 
 _READ_S = 1.0  # to read that the vehicle was taken over
+_HOLDING = ("operator", "taken over")  # causes of a hold that a word ends
 _EXCUSED = ("mode", "ready", "battery")  # checks of a vehicle in the air; its reserve is watched in flight
 _DETECTOR_THREADS = 2
 _ENDING = (signal.SIGTERM, signal.SIGHUP) if hasattr(signal, "SIGHUP") else (signal.SIGTERM,)
@@ -100,13 +103,13 @@ def fly(
 ) -> None:
     """Fly a mission on a PX4: a simulated one, or an aircraft.
 
-    Shows the preflight list and asks before arming; reports each find at once. In flight, Ctrl-C holds, Enter
-    goes on, and a second Ctrl-C returns home and lands. A pilot, a ground station or a failsafe that takes
-    the vehicle over keeps it until Enter is pressed. However this program ends, it leaves its vehicle in
-    Hold; if it is killed outright, PX4 does what COM_OBL_RC_ACT says. With --live it can be watched and
-    steered in the browser, too. Given the run folder of an interrupted flight, it continues from where the
-    vehicle is; only --connection, --system-id, --signing-key, --camera and --from-sound-lines count then,
-    and the options of the live page.
+    Shows the preflight list and asks before arming; reports each find at once. Before take-off, Ctrl-C ends
+    it on the ground. In flight, Ctrl-C holds, Enter goes on, and a second Ctrl-C returns home and lands. A
+    pilot, a ground station or a failsafe that takes the vehicle over keeps it until Enter is pressed. However
+    this program ends, it leaves its vehicle in Hold; if it is killed outright, PX4 does what COM_OBL_RC_ACT
+    says. With --live it can be watched and steered in the browser, too. Given the run folder of an
+    interrupted flight, it continues from where the vehicle is; only --connection, --system-id, --signing-key,
+    --camera and --from-sound-lines count then, and the options of the live page.
 
     Examples:
 
@@ -168,7 +171,7 @@ def fly(
             if not yes and not typer.confirm(question, err=True):
                 raise typer.Exit(1)
             orders = page.enter_context(live_page(folder, live, host, port, no_browser, tiles))
-            with status() as progress, _Operator(folder, live) as operator:
+            with status() as progress, _Operator(folder, orders) as operator:
                 task = progress.add_task(chosen.name, doing="arming", total=None)
                 line = StatusLine(Outlook(), lambda doing: progress.update(task, doing=doing))
 
@@ -177,7 +180,7 @@ def fly(
                     silent = f"   silent for {state.silent_s:.1f} s" if state.silent_s > 1.0 else ""
                     line(state, mode, new, f"   {operator.hint}{silent}")
 
-                rig = Rig(sensor, renderer, _DETECTOR_THREADS, operator=lambda: operator() or orders())
+                rig = Rig(sensor, renderer, _DETECTOR_THREADS, operator=operator, hear=operator.hear)
                 rig = replace(line.over(rig), watch=watch)
                 if begun is not None:
                     summary = flight.resume(begun, camera, rig, from_sound_lines)
@@ -190,17 +193,18 @@ class _Operator:
     """The person at the keyboard: the first Ctrl-C holds, Enter goes on, the second Ctrl-C returns.
 
     A third one ends the program, which leaves the vehicle in Hold. Enter also takes the vehicle back after
-    somebody else took it over, and says on the ground that its battery was changed.
+    somebody else took it over, and says on the ground that its battery was changed. The orders of the page
+    come from here, too, and count as those of the keys.
     """
 
-    def __init__(self, folder: Path, live: bool = False) -> None:
-        self._folder = folder
-        self._live = live  # the vehicle can be taken back on the page, too
+    def __init__(self, folder: Path, page: PageOrders) -> None:
+        self._folder, self._page = folder, page
         self._word: str | None = None
-        self._presses = 0
-        self._taken, self._waits = False, False  # by somebody else; on the ground for a battery
+        self._presses = 0  # of Ctrl-C, or what other orders and the mission made of them
+        self._taken, self._waits = "", False  # by whom; on the ground for a battery
         self._held = False  # because it is ours again without a word
-        self._shown_s = 0.0  # when one of them began or ended
+        self._holds = set[str]()  # causes for which the mission holds until a person says continue
+        self._shown_s = 0.0  # when one of them changed
         self._before: Any = None
 
     @property
@@ -210,34 +214,64 @@ class _Operator:
             return "somebody else flies it; Enter: take it back"
         if self._waits and self._presses == 0:
             return "change the battery; Enter: take off, Ctrl-C: hold"
-        return ("Ctrl-C: hold", "Enter: go on, Ctrl-C: return", "returning")[min(self._presses, 2)]
+        meanings = "Ctrl-C: hold", "Enter: go on, Ctrl-C: return", "returning; Ctrl-C: leave it in Hold"
+        return meanings[min(self._presses, 2)]
 
     def __call__(self) -> Order | None:
+        order = self._of_the_keys() or self._page()
+        if order is not None:
+            self._note(order.word)
+        return order
+
+    def _of_the_keys(self) -> Order | None:
         from skysweep.mission.orders import CONTINUE, TAKE_BACK, Order
 
         asks = self._taken or self._waits or self._held
         if enter_pressed() and (not asks or time.monotonic() - self._shown_s > _READ_S):
             if self._taken:
                 self._presses, self._word = 0, TAKE_BACK
-            elif self._waits or self._presses == 1:
+            elif self._waits or self._holds or self._presses == 1:
                 self._presses, self._word = 0, CONTINUE
         word, self._word = self._word, None
-        return None if word is None else Order(word)
+        return None if word is None else Order(word, holder=self._taken if word == TAKE_BACK else None)
+
+    def _note(self, word: str) -> None:
+        from skysweep.mission.orders import CONTINUE, HOLD, RETURN, TAKE_BACK
+
+        if word in (HOLD, RETURN):
+            self._presses = max(self._presses, 1 if word == HOLD else 2)
+        elif word == CONTINUE or (word == TAKE_BACK and self._taken):
+            self._presses = 0
+
+    def hear(self, record: Mapping[str, Any]) -> None:
+        """Take note of a line of the journal: the mission says when a hold begins and ends."""
+        from skysweep.mission.safety import OVER
+
+        if record["kind"] != "safety" or record["cause"] not in _HOLDING:
+            return
+        cause = record["cause"]
+        if record["action"] == "HOLD":
+            self._holds.add(cause)
+        elif record["action"] != "CONTINUE" or record["sentence"] == OVER[cause]:
+            self._holds.discard(cause)
+            if self._presses == 1 and not self._holds:
+                self._presses = 0
 
     def look(self, state: VehicleState, mode: Mode) -> None:
         """Take note of a state. Raises UserError if the vehicle waits for a word that cannot be said here."""
-        taken, waits, held = bool(state.taken_over), mode == "SWAP", bool(state.waits)
+        taken, waits, held = state.taken_over, mode == "SWAP", bool(state.waits)
         if (taken, waits, held) != (self._taken, self._waits, self._held):
             self._shown_s = time.monotonic()
         if held and not self._held:
             self._presses = max(self._presses, 1)
         self._taken, self._waits, self._held = taken, waits, held
-        if waits and not self._live and not has_keyboard():
+        is_alone = not (self._page.can_come or has_keyboard())
+        if waits and is_alone:
             raise UserError(
                 "the vehicle has landed for another battery, and there is no keyboard to say that it was "
                 f"changed; when it is:  skysweep fly {shlex.quote(str(self._folder))}"
             )
-        if self._taken and state.airborne and not self._live and not has_keyboard():
+        if taken and state.airborne and is_alone:
             raise UserError(
                 f"somebody else flies the vehicle ({state.taken_over}), and there is no keyboard to take it "
                 f"back; when it is free:  skysweep fly {shlex.quote(str(self._folder))}"

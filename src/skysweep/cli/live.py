@@ -5,22 +5,42 @@ from __future__ import annotations
 import os
 import sys
 import webbrowser
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from skysweep.cli.common import say
+from skysweep.cli.common import say, warn
 from skysweep.cli.terminal import has_keyboard
 from skysweep.errors import UserError
 
 if TYPE_CHECKING:
     from skysweep.mission.orders import Order
+    from skysweep.web.live import LivePage
 
 LOOPBACK = "127.0.0.1"
 LIVE_SPEED = 10.0  # times real time, where no other is asked for
+
+
+class PageOrders:
+    """The orders given on a page, if there is one."""
+
+    def __init__(self, page: LivePage | None = None) -> None:
+        self._page, self._was_there = page, page is not None
+
+    @property
+    def can_come(self) -> bool:
+        """Whether the page is there."""
+        return self._page is not None and self._page.is_there
+
+    def __call__(self) -> Order | None:
+        if self._was_there and not self.can_come:
+            self._was_there = False
+            warn("the live page has ended; the mission goes on without it")
+        return None if self._page is None else self._page.order()
+
 
 LiveOption = Annotated[bool, typer.Option("--live", help="Show the mission in a browser while it flies.")]
 SpeedOption = Annotated[
@@ -49,7 +69,7 @@ def live_page(
     port: int | None,
     no_browser: bool,
     tiles: str | None,
-) -> Iterator[Callable[[], Order | None]]:
+) -> Iterator[PageOrders]:
     """The page of the mission in ``folder``, and the orders given on it; nothing unless ``live``.
 
     After the mission it stays until Ctrl-C where somebody sits at a terminal.
@@ -58,7 +78,7 @@ def live_page(
         for option, given in (("--host", host != LOOPBACK), ("--port", port), ("--tiles", tiles)):
             if given:
                 raise UserError(f"{option}: is of the live page; write --live, too, or leave it out")
-        yield lambda: None
+        yield PageOrders()
         return
     from skysweep.web.live import LivePage
     from skysweep.web.security import Access
@@ -67,7 +87,7 @@ def live_page(
     try:
         say(page.address)
         open_browser(page.address, no_browser)
-        yield page.order
+        yield PageOrders(page)
         if has_keyboard():
             say("the page stays until Ctrl-C")
             with suppress(KeyboardInterrupt):

@@ -105,6 +105,7 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
         caveat,
         replays=all(p is None for p in (rig.vehicle, rig.camera, rig.make_camera, rig.detector)),
         change_battery=getattr(vehicle, "change_battery", None),
+        regain=getattr(vehicle, "regain", None),
         following=Following(plan.transects, plan.profiles, scenario.vehicle.climb_speed_mps),
     )
 

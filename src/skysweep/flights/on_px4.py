@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+from collections import deque
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, replace
@@ -21,7 +22,7 @@ from skysweep.flights.fly import fly_to_folder, refuse_other_mission
 from skysweep.flights.rehearsal import rehearse
 from skysweep.flights.resume import resume_folder
 from skysweep.flights.rig import Rig
-from skysweep.mission.orders import TAKE_BACK, Operator, Order
+from skysweep.mission.orders import HOLD, MOST_WAITING, RETURN, STEERING, Operator, Order
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.planning.plan_files import plan_of_mission
 from skysweep.results.summary import RunSummary
@@ -148,19 +149,10 @@ class Px4Flight:
         self._keep_record(folder)
         self.vehicle.advance(0.0)
         camera = self.open_camera(camera_source) if rig.sensor == "imaging" else None
-        yield replace(rig, vehicle=self.vehicle, camera=camera, operator=self._heeding(rig.operator))
+        operator = _Waiting(rig.operator)
+        self.vehicle.is_called_off = operator.calls_off
+        yield replace(rig, vehicle=self.vehicle, camera=camera, operator=operator)
         self.vehicle.wait_disarmed(_MOTORS_STOP_S)
-
-    def _heeding(self, operator: Operator) -> Operator:
-        """An operator whose ``TAKE_BACK`` takes the vehicle back from anybody else."""
-
-        def heed() -> Order | None:
-            order = operator()
-            if order is not None and order.word == TAKE_BACK:
-                self.vehicle.regain()
-            return order
-
-        return heed
 
     def _keep_record(self, folder: Path) -> None:
         """Writes the list, the autopilot's version and its parameters into a new file."""
@@ -201,6 +193,24 @@ class Px4Flight:
     def __exit__(self, *_: object) -> None:
         with self._ending:
             self.vehicle.close()
+
+
+class _Waiting:
+    """An operator whose orders can be looked at before the mission asks for them."""
+
+    def __init__(self, operator: Operator) -> None:
+        self._operator = operator
+        self._orders: deque[Order] = deque()
+
+    def __call__(self) -> Order | None:
+        return self._orders.popleft() if self._orders else self._operator()
+
+    def calls_off(self) -> bool:
+        """Whether the newest word that steers is against a take-off."""
+        while len(self._orders) < MOST_WAITING and (order := self._operator()) is not None:
+            self._orders.append(order)
+        words = [order.word for order in self._orders if order.word in STEERING]
+        return bool(words) and words[-1] in (HOLD, RETURN)
 
 
 def _along(places_xy_m: NDArray[np.float64], home_xy_m: NDArray[np.float64]) -> NDArray[np.float64]:

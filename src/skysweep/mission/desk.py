@@ -44,13 +44,14 @@ class Desk:
         order = order.as_recorded()
         place = {} if order.xy_enu_m is None else {"p": self._on_ground(order.xy_enu_m)}
         who = {} if order.candidate_id is None else {"candidate": order.candidate_id}
-        self._notes.order(state.time_s, order.word, who | place)
+        holder = {} if order.holder is None else {"holder": order.holder}
+        self._notes.order(state.time_s, order.word, who | place | holder)
         self._do(order, phase, state, altitude_agl_m)
 
     def _do(self, order: Order, phase: Phase, state: VehicleState, altitude_agl_m: float) -> None:
         why = ""
         if order.word in STEERING:
-            self._steer(order.word, state)
+            why = self._steer(order, state)
         elif order.word in VERDICTS:
             why = self._decide(order, state.time_s)
         elif order.word == LOOK:
@@ -62,16 +63,26 @@ class Desk:
             why = f"There is no order '{order.word}'; write {words} or {LOOK}."
         self._refuse(state.time_s, why)
 
-    def _steer(self, word: str, state: VehicleState) -> None:
-        """Give a word to the guard. The wait for a battery ends with a ``continue`` that can be followed."""
-        waits = self._guard.waits_for_battery
-        if waits and word == TAKE_BACK:
-            return
-        why = self._guard.refuses_take_off(state) if waits and word == CONTINUE else ""
-        if why:
-            self._notes.stays_down(state.time_s, why)
-        else:
-            self._guard.heed(CONTINUE if word == TAKE_BACK else word)
+    def _steer(self, order: Order, state: VehicleState) -> str:
+        """Give a word to the guard, or say why not.
+
+        The wait for a battery ends with a ``continue`` that can be followed.
+        """
+        word, waits = order.word, self._guard.waits_for_battery
+        if word == TAKE_BACK:
+            why = "" if self._m.regain is None else self._m.regain(order.holder)
+            if not (why or waits):
+                self._guard.heed(CONTINUE)
+            return f"Not taken back: {why}." if why else ""
+        if word == CONTINUE and waits:
+            why = self._guard.refuses_take_off(state)
+            if why:
+                self._notes.stays_down(state.time_s, why)
+                return ""
+        elif word == CONTINUE and state.taken_over:
+            return "Somebody else flies the vehicle: say take back."
+        self._guard.heed(word)
+        return ""
 
     def _decide(self, order: Order, time_s: float) -> str:
         candidate = self._m.tracker.candidates().get(order.candidate_id or 0)

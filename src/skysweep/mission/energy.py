@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from skysweep.mission.fence import Fence
-from skysweep.planning.flight_plan import DRAG_PER_S, LEG_LAG_S, landing_time_s
+from skysweep.planning.flight_plan import DRAG_PER_S, GUSTS, LEG_LAG_S, landing_time_s
 from skysweep.scenarios.model import Scenario
 from skysweep.types import XY, VehicleState, Waypoint
 
@@ -28,7 +28,11 @@ class ReturnEnergy:
         self._look_s = look_s
 
     def home_wh(self, xy: XY, altitude_agl_m: float, wind_xy_mps: XY) -> float:
-        """Climb to the return altitude, way home and landing; inf if there is no way."""
+        """Climb to the return altitude, way home and landing; inf if there is no way.
+
+        In a wind that is stronger than the mean by ``GUSTS``.
+        """
+        wind_xy_mps = (1.0 + GUSTS) * wind_xy_mps[0], (1.0 + GUSTS) * wind_xy_mps[1]
         climb_s = max(0.0, self._altitude_agl_m - altitude_agl_m) / self._vehicle.climb_speed_mps
         upright_wh = self.power_w(math.hypot(*wind_xy_mps)) * (climb_s + self._landing_s) / 3600.0
         return upright_wh + self._way_wh(xy, self._home, self._vehicle.cruise_speed_mps, wind_xy_mps)

@@ -22,7 +22,7 @@ from skysweep.mission.journal import Journal
 from skysweep.mission.looks import Looks
 from skysweep.mission.mission import Mission, Watch
 from skysweep.mission.notes import NEXT_SORTIE, SORTIE, Notes
-from skysweep.mission.orders import CONTINUE, Operator
+from skysweep.mission.orders import CONTINUE, MOST_WAITING, Operator
 from skysweep.mission.safety import (
     BATTERY_CHANGE,
     CHECK_PERIOD_S,
@@ -198,7 +198,7 @@ class Flight:
         else:
             self._notes.start(self._m)
         stood = not self._m.vehicle.state().airborne
-        self._m.vehicle.takeoff(self._m.cover_altitude_agl_m)
+        self._take_off(Phase.TAKEOFF)
         if self._has_changed_battery(stood):
             self._resume_between_sorties()
         while True:
@@ -237,6 +237,33 @@ class Flight:
         self._notes.left_outside(state.time_s, [c for c in candidates.values() if not self._is_searched(c)])
         if end is _ALL_WELL:
             self._notes.left_undecided(state.time_s, candidates)
+
+    def _take_off(self, phase: Phase) -> None:
+        """Raises UserError if it fails, or the operator of a vehicle that is not simulated calls it off."""
+        m = self._m
+        may_call_off = m.change_battery is None and not m.vehicle.state().airborne
+        if may_call_off and self._is_called_off(phase):
+            raise UserError("the operator called the take-off off: nothing was armed")
+        try:
+            m.vehicle.takeoff(m.cover_altitude_agl_m)
+        except UserError:
+            if may_call_off:
+                self._is_called_off(phase)  # perhaps meanwhile, and the journal says so
+            raise
+
+    def _is_called_off(self, phase: Phase) -> bool:
+        """Whether the waiting orders, which are taken, are against a take-off."""
+        state = self._m.vehicle.state()
+        if phase is Phase.TAKEOFF:  # which begins the vehicle's time
+            state = state._replace(time_s=max((r["t"] for r in self._before), default=0.0))
+        for _ in range(MOST_WAITING):
+            self._was_asked = False
+            if not self._hear(state, phase):
+                break
+        if self._guard.calls_off:
+            sentence = "The operator calls the take-off off."
+            self._notes.safety(state.time_s, Alarm(Action.HOLD, "operator", sentence))
+        return self._guard.calls_off
 
     # ---- the phases of a sortie; each returns what ended it early ----------------------------------------
 
@@ -455,7 +482,7 @@ class Flight:
     def _takes_off_for_a_person(self, state: VehicleState) -> bool:
         """Whether the vehicle takes off with the battery that a person has put in."""
         try:
-            self._m.vehicle.takeoff(self._m.cover_altitude_agl_m)
+            self._take_off(Phase.SWAP)
             return True
         except UserError as error:
             if self._m.vehicle.state().airborne:

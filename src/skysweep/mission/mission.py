@@ -50,6 +50,7 @@ class Mission:
     caveat: str = ""  # of what the strategy may believe, for the journal
     replays: bool = True  # deterministic; otherwise snapshots are journaled
     change_battery: Callable[[], None] | None = None  # of a simulated vehicle; None: a person changes it
+    regain: Callable[[str | None], str] | None = None  # a taken vehicle from its holder; why not, or empty
     following: Following | None = None  # along the plan's transects
     blind_legs: tuple[tuple[XY, XY], ...] = ()  # flown blind before an interruption
 

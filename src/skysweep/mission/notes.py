@@ -49,7 +49,7 @@ class Notes:
         self._listed: set[int] = set()  # scanned candidates
         self._settled: set[int] = set()
         self._believed: dict[int, float] = {}  # the last probability told of each candidate
-        self._alarms: dict[str, Action] = {}
+        self._alarms: dict[str, Alarm] = {}  # by cause
 
     @property
     def failed(self) -> str | None:
@@ -166,23 +166,25 @@ class Notes:
         )
 
     def alarms(self, time_s: float, alarms: tuple[Alarm, ...], not_judged: set[str]) -> None:
-        """New alarms, changed actions, and alarms that have cleared."""
-        current = {a.cause: a.action for a in alarms}
+        """New alarms, changed actions and holders, and alarms that have cleared."""
+        current = {a.cause: a for a in alarms}
         for alarm in alarms:
-            if self._alarms.get(alarm.cause) is not alarm.action:
+            before = self._alarms.get(alarm.cause)
+            if before is None or (before.action, before.holder) != (alarm.action, alarm.holder):
                 self.safety(time_s, alarm)
-        if Action.KEEP_OUT in current.values():  # nobody looks at the others now
+        if any(a.action is Action.KEEP_OUT for a in alarms):  # nobody looks at the others now
             current = self._alarms | current
         current = {c: a for c, a in self._alarms.items() if c in not_judged} | current
-        for cause, action in self._alarms.items():
-            if cause not in current and action in _PASSING:
+        for cause, alarm in self._alarms.items():
+            if cause not in current and alarm.action in _PASSING:
                 self.safety(time_s, Alarm(Action.CONTINUE, cause, OVER[cause]))
         self._alarms = current
 
     def safety(self, time_s: float, alarm: Alarm) -> None:
         """One alarm."""
+        holder = {} if alarm.holder is None else {"holder": alarm.holder}
         self._journal.write(
-            time_s, "safety", cause=alarm.cause, action=alarm.action.name, sentence=alarm.sentence
+            time_s, "safety", cause=alarm.cause, action=alarm.action.name, sentence=alarm.sentence, **holder
         )
 
     def stays_down(self, time_s: float, why: str) -> None:

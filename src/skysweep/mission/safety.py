@@ -88,16 +88,20 @@ class Action(IntEnum):
     HOLD = 2
     RETURN = 3
     LAND = 4
-    KEEP_OUT = 5  # somebody else flies it: command nothing until a person says continue
+    KEEP_OUT = 5  # somebody else flies it: command nothing until a person says take back
 
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """Something is wrong: the action, its cause, and a sentence for people."""
+    """Something is wrong: the action, its cause, and a sentence for people.
+
+    ``holder`` says who has the vehicle, where somebody else does: ``VehicleState.taken_over``.
+    """
 
     action: Action
     cause: str
     sentence: str
+    holder: str | None = None
 
 
 def not_finite(waypoint: Waypoint) -> str:
@@ -243,6 +247,11 @@ class Guard:
     def calls_home(self) -> bool:
         """Whether the operator's newest order is to return."""
         return self._word == "return"
+
+    @property
+    def calls_off(self) -> bool:
+        """Whether the operator's newest order is against a take-off: to hold, or to return."""
+        return self._word is not None
 
     def wait_for_battery(self) -> None:
         """Stay on the ground until the operator says that the battery was changed, or ends the mission."""
@@ -696,8 +705,8 @@ def _ground_slack_m(distance_m: float) -> float:
 
 
 def _keeps_out(why: str) -> Alarm:
-    sentence = f"Somebody else flies the vehicle ({why}): no commands until a person says continue."
-    return Alarm(Action.KEEP_OUT, "taken over", sentence)
+    sentence = f"Somebody else flies the vehicle ({why}): no commands until a person says take back."
+    return Alarm(Action.KEEP_OUT, "taken over", sentence, why)
 
 
 def _is_lost(silent_s: float) -> Alarm:

@@ -20,12 +20,13 @@ from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from skysweep.errors import UserError
+from skysweep.mission.orders import Order
 from skysweep.results.picture_files import told_by_name
 from skysweep.results.run_folder import FILM, JOURNAL_FILE, PICTURES
 from skysweep.web.entries import end_s, entries, report_of, thumbnail_of
 from skysweep.web.feed import Feed, Place
 from skysweep.web.ground import ground_picture
-from skysweep.web.orders import Told, checked_order
+from skysweep.web.orders import checked_order
 from skysweep.web.places import Places
 from skysweep.web.scene import head_of, heights_of, scenario_of, scene_of
 from skysweep.web.security import Access, Guard
@@ -39,7 +40,7 @@ _KEPT = 4  # feeds without a viewer
 _REPORT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; sandbox"
 _PICTURE_POLICY = "default-src 'none'; style-src 'unsafe-inline'; sandbox"
 
-Give = Callable[[Told], None]
+Give = Callable[[Order], None]
 Answer = Callable[[Request], Awaitable[Response]]
 
 
@@ -93,7 +94,7 @@ class App:
         if not self._access.has_token(request):
             return _refused(401, "The token is not that of this server.")
         answer = JSONResponse({"controls": self._give is not None})
-        answer.set_cookie(self._access.cookie, self._access.token, httponly=True, samesite="strict")
+        answer.set_cookie(self._access.cookie, self._access.sight, httponly=True, samesite="strict")
         return answer
 
     async def _folder(self, _request: Request) -> Response:
@@ -170,8 +171,8 @@ class App:
             return _refused(422, str(error))
         except (ValueError, RecursionError):
             return _refused(422, "The order is not JSON.")
-        if not self._is_in_time(order[0]):
-            return _refused(429, f"Too many orders to {order[0]} at once; wait {_WITHIN_S:.0f} s.")
+        if not self._is_in_time(order.word):
+            return _refused(429, f"Too many orders to {order.word} at once; wait {_WITHIN_S:.0f} s.")
         self._give(order)
         return JSONResponse({"said": said}, 202)
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
 import signal
 import socket
+import time
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -13,14 +15,19 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from threading import Thread
 
-from skysweep.mission.orders import Order
-from skysweep.web.orders import Told
+from skysweep.errors import UserError
+from skysweep.mission.orders import HOLD, RETURN, STEERING, VERDICTS, Order
 from skysweep.web.places import ITSELF
+from skysweep.web.scene import head_of
 from skysweep.web.security import Access
 from skysweep.web.server import address, listen, serve
 
 _NICE = 5  # the mission goes first
 _ENDS_S = 3.0
+_LATE_S = 3.0  # between an order and the mission's next question
+_NEVER_LATE = (HOLD, RETURN, *VERDICTS)  # what stops it, brings it home or moves nothing
+
+log = logging.getLogger(__name__)
 
 
 class LivePage:
@@ -31,12 +38,14 @@ class LivePage:
     """
 
     def __init__(self, folder: Path, access: Access, port: int | None = None) -> None:
-        self._orders: deque[Told] = deque()
+        self._folder = folder.absolute()
+        self._steering: deque[tuple[float, Order]] = deque()  # with the times at which they were given
+        self._others: deque[tuple[float, Order]] = deque()
         self._pipe, theirs = multiprocessing.get_context("spawn").Pipe()
         listener = listen(access.host, port)
         self.address = address(listener, access)
         self._server = multiprocessing.get_context("spawn").Process(
-            target=_serve, args=(folder.absolute(), listener, access, theirs), name="page", daemon=True
+            target=_serve, args=(self._folder, listener, access, theirs), name="page", daemon=True
         )
         with _uninterrupted():
             self._server.start()
@@ -44,9 +53,28 @@ class LivePage:
         theirs.close()
         Thread(target=self._receive, name="orders", daemon=True).start()
 
+    @property
+    def is_there(self) -> bool:
+        """Whether the server runs: without it no order comes from the page."""
+        return self._server.is_alive()
+
     def order(self) -> Order | None:
-        """The next order that was given on the page, if there is one."""
-        return Order(*self._orders.popleft()) if self._orders else None
+        """The next order that was given on the page, if there is one.
+
+        Words that steer come before looks and verdicts, and in their own order: a ``continue`` that was said
+        before a ``hold`` must not follow it. What waited for a real mission that stood still may be meant no
+        more: it is left out, unless it stops the vehicle, brings it home, or moves nothing.
+        """
+        for orders in (self._steering, self._others):
+            while orders:
+                given_s, order = orders.popleft()
+                late_s = time.monotonic() - given_s
+                if late_s < _LATE_S or order.word in _NEVER_LATE or _is_simulated(self._folder):
+                    return order
+                log.warning(
+                    "The order to %s waited for %.0f s and is left out: say it again.", order.word, late_s
+                )
+        return None
 
     def wait(self) -> None:
         """Return when the server has ended."""
@@ -62,7 +90,16 @@ class LivePage:
     def _receive(self) -> None:
         with suppress(EOFError, OSError):
             while True:
-                self._orders.append(self._pipe.recv())
+                given_s, order = self._pipe.recv()
+                orders = self._steering if order.word in STEERING else self._others
+                orders.append((given_s, order))
+
+
+def _is_simulated(folder: Path) -> bool:
+    """Whether a mission's vehicle is simulated with it, however slowly. In doubt it is not."""
+    with suppress(UserError, OSError):
+        return head_of(folder).get("replays") is True
+    return False
 
 
 @contextmanager
@@ -82,7 +119,7 @@ def _serve(folder: Path, listener: socket.socket, access: Access, orders: Connec
         os.nice(_NICE)
     Thread(target=_end_with, args=(orders,), name="mission", daemon=True).start()
     with suppress(KeyboardInterrupt):
-        serve(folder, listener, access, ITSELF, orders.send)
+        serve(folder, listener, access, ITSELF, lambda order: orders.send((time.monotonic(), order)))
 
 
 def _end_with(mission: Connection) -> None:

@@ -88,6 +88,7 @@ def scene_of(folder: Path, ended_s: float | None) -> dict[str, Any]:
         "seed": seed,
         "version": head.get("version"),
         "simulated": simulated,
+        "external": not head.get("replays", True),
         "origin": {
             "latitude_deg": home.latitude_deg,
             "longitude_deg": home.longitude_deg,

@@ -40,15 +40,20 @@ class Access:
         """The name of the cookie of a session: browsers do not tell servers on two ports apart."""
         return f"skysweep-{hashlib.sha256(self.token.encode()).hexdigest()[:8]}"
 
+    @property
+    def sight(self) -> str:
+        """The value of that cookie: it lets see, and never order, whatever server of this host gets it."""
+        return hmac.new(self.token.encode(), b"see", hashlib.sha256).hexdigest()
+
     def has_token(self, connection: HTTPConnection) -> bool:
         """Whether a request shows the token as its bearer."""
         scheme, _, given = connection.headers.get("authorization", "").partition(" ")
-        return scheme.lower() == "bearer" and self._is_token(given)
+        return scheme.lower() == "bearer" and _are_equal(given, self.token)
 
     def may_see(self, connection: HTTPConnection) -> bool:
         """Whether a request may read."""
         given = connection.cookies.get(self.cookie, "")
-        return self.is_loopback or self.has_token(connection) or self._is_token(given)
+        return self.is_loopback or self.has_token(connection) or _are_equal(given, self.sight)
 
     def is_expected(self, connection: HTTPConnection) -> bool:
         """Whether a request is for this server and comes from its own pages, if from any.
@@ -71,9 +76,6 @@ class Access:
             f"font-src 'self'; img-src 'self' data: blob:{tiles}; connect-src 'self'{tiles}; "
             "worker-src 'self' blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
         )
-
-    def _is_token(self, given: str) -> bool:
-        return hmac.compare_digest(given.encode(), self.token.encode())
 
 
 class Guard:
@@ -127,6 +129,11 @@ def is_loopback(host: str) -> bool:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
         return False
+
+
+def _are_equal(given: str, wanted: str) -> bool:
+    """Whether two texts are equal; how long that takes says nothing of them."""
+    return hmac.compare_digest(given.encode(), wanted.encode())
 
 
 def _name_of(host: str) -> str:

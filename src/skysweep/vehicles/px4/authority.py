@@ -19,6 +19,7 @@ RETURNS_S = 2.0  # until PX4 is back in Offboard after new setpoints
 _CATCH_UP_S = 1.0  # a delayed link delivers old messages first
 _CLOCK_SLACK_S = 0.3
 _RECENT_S = 10.0  # age of a warning that may be the reason
+_READ_S = 1.0  # until a person may have read who has the vehicle
 _WAITS = "PX4 is in Offboard again, which nobody chose: the vehicle hovers until a person says continue."
 AUTO = 4  # PX4's main mode of Hold, Return and Land
 _NO_STICKS = {3: PX4Mode.RETURN, 4: PX4Mode.LAND, 5: PX4Mode.HOLD}  # COM_OBL_RC_ACT without a pilot
@@ -29,9 +30,9 @@ class FlightAuthority:
     """Decides whether setpoints may be sent and orders given.
 
     ``wanted`` is the mode that this program ordered; None: none yet. ``theirs`` says in words who flies the
-    vehicle instead. It stays until ``regain``: only a person gives the vehicle back. Where no person has
-    chosen a mode and PX4 flies our setpoints again by itself, nobody else flies it: ``waits`` says so, until
-    the mission knows what to do.
+    vehicle instead, and follows the mode. It stays until ``regain``: only a person gives the vehicle back.
+    Where no person has chosen a mode and PX4 flies our setpoints again by itself, nobody else flies it:
+    ``waits`` says so, until the mission knows what to do.
     """
 
     def __init__(self, link: PX4Link, telemetry: Telemetry, on_loss: int | None) -> None:
@@ -39,6 +40,8 @@ class FlightAuthority:
         self._lock = threading.RLock()
         self.wanted: PX4Mode | None = None
         self.theirs = self.waits = ""
+        self._theirs_when: tuple[bool, PxMode] | None = None  # armed and mode, when that was said
+        self._theirs_since_s = float("-inf")
         self._deaf = False
         self._heard_again_s = float("-inf")  # the end of the silence that was noticed last
         self._caught_up_s = float("-inf")  # when its messages were current again: older ones tell nothing
@@ -89,12 +92,29 @@ class FlightAuthority:
             self.wanted, self._not_followed_s, self._person = mode, None, False
             self.theirs = self.waits = ""
 
+    def take_back(self, holder: str | None) -> str:
+        """``regain`` at a person's word, who has read ``holder`` in ``theirs``; why not, or empty.
+
+        None: whoever has it now.
+        """
+        with self._lock:
+            if not self._look():
+                return "the vehicle is not heard; say it again when it is"
+            if not self.theirs:
+                return "nobody else flies the vehicle; say continue"
+            if holder not in (None, self.theirs):
+                return f"since then somebody else took the vehicle ({self.theirs}); say take back again"
+            if self._link.now_s() - self._theirs_since_s < _READ_S:
+                return f"somebody took the vehicle just now ({self.theirs}); say take back again"
+            self.regain(None)
+            return ""
+
     def keep_out(self, why: str = "") -> None:
         """Somebody else flies it now, or keeps it in Offboard against our order."""
         with self._lock:
             self._person = self._person or self._told.flown == PX4Mode.OFFBOARD.value
             if why:
-                self.theirs = why
+                self._say(why)
             else:
                 self._give_up(self._told.flown)
 
@@ -122,7 +142,10 @@ class FlightAuthority:
         if self.theirs:
             self._person = self._person or not (told.armed and self._is_left_to_px4())
             self.waits = _WAITS if self._is_ours_again() else ""
-            self.theirs = "" if self.waits else self.theirs
+            if self.waits:
+                self.theirs = ""
+            elif self._theirs_when != (told.armed, told.flown):
+                self._say_anew()
         return certain
 
     def _is_ours_again(self) -> bool:
@@ -143,7 +166,7 @@ class FlightAuthority:
         assert wanted is not None
         if not told.armed:
             if told.airborne or wanted is not PX4Mode.LAND:
-                self.theirs = "its motors were stopped" if told.airborne else "it was disarmed"
+                self._say_anew()
             return True
         mode = told.flown
         if mode == wanted.value or mode == PX4Mode.OFFBOARD.value:
@@ -183,6 +206,12 @@ class FlightAuthority:
             self._give_up(mode)
         return True
 
+    def _say_anew(self) -> None:
+        if self._told.armed:
+            self._give_up(self._told.flown)
+        else:
+            self._say("its motors were stopped" if self._told.airborne else "it was disarmed")
+
     def _give_up(self, mode: PxMode) -> None:
         told, warnings = self._told, self._link.warnings(self._link.now_s() - _RECENT_S)
         if told.intended is not None and told.intended != PX4Mode.OFFBOARD.value and told.intended == mode:
@@ -191,7 +220,11 @@ class FlightAuthority:
             why = f"the autopilot says: {'; '.join(warnings)}"
         else:
             why = "the autopilot or its pilot chose that"
-        self.theirs = f"it is in {mode_name(mode)}: {why}"
+        self._say(f"it is in {mode_name(mode)}: {why}")
+
+    def _say(self, theirs: str) -> None:
+        self.theirs, self._theirs_since_s = theirs, self._link.now_s()
+        self._theirs_when = self._told.armed, self._told.flown
 
 
 def is_free(told: Telemetry) -> bool:

@@ -85,6 +85,7 @@ class Px4Vehicle:
         self.begins_in_air: bool | None = None  # at the preflight list; None: no list was made
         self._must_land = False  # a landing is ordered but not confirmed
         self._taking_off = False  # PX4's own take-off, before Offboard
+        self.is_called_off: Condition = lambda: False  # a take-off, by the operator while it arms
         self._offboard_from_m: float | None = None  # height above ground where Offboard ends a take-off
         self._has_flown = False
         self._closed = False
@@ -184,6 +185,8 @@ class Px4Vehicle:
             self.stand_by()
         self._taking_off, before = True, told.flown
         self._arm(before)
+        if self.is_called_off():
+            self._call_off(before)
         self._start_clock()
         self._level()
         self._order_take_off(altitude_agl_m, before)
@@ -211,17 +214,29 @@ class Px4Vehicle:
         if self.authority.wanted is PX4Mode.OFFBOARD and not self.authority.lost():
             self._offboard.hover(self.site)
 
-    def regain(self) -> None:
-        """Hovers here after a person gave the vehicle back, unless PX4 refuses; on the ground, stands by."""
-        if self.authority.theirs and not (self.telemetry.airborne or self.telemetry.armed):
-            self.authority.regain(None)
-        if self.authority.theirs and self.telemetry.airborne and self.authority.knows():
-            self.authority.regain(None)
-            self._offboard.hover(self.site)
-            try:
-                self._go_into_offboard(asked=True)
-            except UserError as error:
-                self.authority.keep_out(str(error))
+    def regain(self, holder: str | None = None) -> str:
+        """Hovers here after a person took the vehicle back; on the ground, stands by. Why not, or empty.
+
+        ``holder`` are the words of ``taken_over`` that the person has read; None: those of now.
+        """
+        told, authority = self.telemetry, self.authority
+        if told.armed and not told.airborne and authority.lost():
+            return "its motors run on the ground; disarm it, then say take back again"
+        before = told.flown
+        why = authority.take_back(holder)
+        if why or not told.airborne:
+            return why
+        self._offboard.hover(self.site)
+        try:
+            self._go_into_offboard(before)
+        except UserError as error:
+            authority.keep_out(str(error))
+            return f"{error}; say take back again"
+        if authority.wanted is PX4Mode.OFFBOARD:
+            return ""
+        if not authority.lost():  # not heard any more
+            authority.keep_out()
+        return f"somebody keeps the vehicle ({authority.theirs}); say take back again"
 
     def look(self, pitch_rad: float) -> None:
         """Points the gimbal, if there is one, above (+) or below the horizon; its yaw follows the vehicle.
@@ -421,6 +436,17 @@ class Px4Vehicle:
             self.authority.keep_out(_DISARMED if disarmed() else "")
             raise UserError(f"the vehicle does not take off: {self.authority.theirs}; look, and start again")
 
+    def _call_off(self, before: PxMode) -> None:
+        """Disarms, unless somebody has chosen another mode than ``before``. Raises UserError."""
+        told, number = self.telemetry, m.MAV_CMD_COMPONENT_ARM_DISARM
+        if self.link.order(
+            "disarm", number, [0.0], lambda: not told.armed, given_up=lambda: told.flown != before
+        ):
+            self._taking_off = False
+            raise UserError("the operator called the take-off off: the vehicle is disarmed again")
+        self.authority.keep_out()
+        raise UserError(f"the vehicle does not take off: {self.authority.theirs}; look, and start again")
+
     def _order_take_off(self, altitude_agl_m: float, before: PxMode) -> None:
         told, home = self.telemetry, self.telemetry.home or {}
         up_amsl_m = home["altitude"] * 1e-3 - (told.ned_m[2] - home["z"]) + altitude_agl_m
@@ -429,11 +455,16 @@ class Px4Vehicle:
         self._order(PX4Mode.TAKEOFF, "take off", number, params, lambda: told.airborne, before=before)
 
     def _change_mode(
-        self, mode: PX4Mode, what: str, or_else: Condition = lambda: False, timeout_s: float = ORDER_S
+        self,
+        mode: PX4Mode,
+        what: str,
+        or_else: Condition = lambda: False,
+        timeout_s: float = ORDER_S,
+        before: PxMode | None = None,
     ) -> None:
         main, sub = mode.value
         numbers = float(m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(main), float(sub)
-        self._order(mode, what, m.MAV_CMD_DO_SET_MODE, numbers, or_else, timeout_s)
+        self._order(mode, what, m.MAV_CMD_DO_SET_MODE, numbers, or_else, timeout_s, before)
 
     def _order(
         self,
@@ -479,16 +510,16 @@ class Px4Vehicle:
         """Whether it flies without an order of this program, and nobody else flies it either."""
         return self.authority.wanted is None and self.is_free
 
-    def _go_into_offboard(self, asked: bool = False) -> None:
-        """From anybody's mode only if a person ``asked``."""
+    def _go_into_offboard(self, before: PxMode | None = None) -> None:
+        """From anybody's mode only if a person asked for it, who saw the vehicle in the mode ``before``."""
         if self.authority.knows():
-            if self.authority.wanted is None and not (asked or self._is_nobodys()):
+            if self.authority.wanted is None and before is None and not self._is_nobodys():
                 self.authority.keep_out()
                 return
             self._offboard_from_m = None
             if self._offboard.start():
                 self.link.wait(lambda: False, _STREAM_FIRST_S)
-            self._change_mode(PX4Mode.OFFBOARD, "go into Offboard")
+            self._change_mode(PX4Mode.OFFBOARD, "go into Offboard", before=before)
 
     def _end_wait(self) -> None:
         """The mission commands something, and knows that the vehicle waited."""

@@ -3,6 +3,7 @@
 import type { OrderWord, XY } from "./types";
 
 const KEY = "skysweep-token";
+const LONGEST_ORDER_MS = 5000;
 
 /** Takes the token out of the address, where it would stay in the history. */
 export function keepToken(): void {
@@ -29,17 +30,19 @@ export async function openSession(): Promise<void> {
   if (hasToken()) await fetch("/api/session", { method: "POST", headers: bearer() });
 }
 
-/** What the server answers. Throws an Error with its sentence. */
+/** What the server answers; with a body, to an order. Throws an Error with its sentence. */
 export async function ask<T>(path: string, body?: unknown): Promise<T> {
+  const ordered = body !== undefined && {
+    method: "POST",
+    headers: { ...bearer(), "Content-Type": "application/json" },
+    body: JSON.stringify(body),
+    signal: AbortSignal.timeout(LONGEST_ORDER_MS),
+  };
   let response: Response;
   try {
-    response = await fetch(path, {
-      method: body === undefined ? "GET" : "POST",
-      headers: { ...bearer(), ...(body === undefined ? {} : { "Content-Type": "application/json" }) },
-      body: body === undefined ? null : JSON.stringify(body),
-    });
+    response = await fetch(path, ordered || { headers: bearer() });
   } catch {
-    throw new Error("The server does not answer.");
+    throw new Error(ordered ? "No answer; it may not have arrived: look at the vehicle and say it again." : "The server does not answer.");
   }
   const answer = (await response.json().catch(() => ({}))) as { error?: string };
   if (!response.ok) throw new Error(answer.error ?? `The server answered ${response.status}.`);
@@ -55,6 +58,7 @@ export interface Order {
   word: OrderWord;
   candidate?: number;
   position_enu_m?: XY;
+  holder?: string;
 }
 
 export async function order(id: string, what: Order): Promise<string> {

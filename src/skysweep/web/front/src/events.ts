@@ -12,7 +12,7 @@ export interface MissionEvent {
   candidate: number | null;
 }
 
-const ORDERS: Record<string, string> = {
+const WORDS: Record<string, string> = {
   hold: "hold",
   continue: "continue",
   return: "return home",
@@ -20,6 +20,13 @@ const ORDERS: Record<string, string> = {
   reject: "reject candidate",
   look: "look here",
 };
+
+/** An order in words. */
+export function orderInWords(word: string | undefined, candidate?: number, place?: readonly number[]): string {
+  const order = WORDS[word ?? ""] ?? word ?? "order";
+  if (candidate !== undefined) return `${order} ${candidate}`;
+  return place ? `${order}, E ${place[0]!.toFixed(0)} m, N ${place[1]!.toFixed(0)} m` : order;
+}
 
 /** The event that a line tells; null: it tells none. */
 export function eventOf(line: Line): MissionEvent | null {
@@ -59,7 +66,7 @@ function inWords(line: Line): [string, EventTone] | null {
     case "finished":
       return [`Search finished${why}`, "plain"];
     case "operator":
-      return [operatorWords(line), "operator"];
+      return [`Operator: ${orderInWords(line.word, line.candidate, line.p)}`, "operator"];
     case "safety":
       return [`${line.sentence ?? line.cause ?? "Alarm"}`, line.action === "CONTINUE" ? "warning" : "danger"];
     case "sortie":
@@ -75,11 +82,4 @@ function inWords(line: Line): [string, EventTone] | null {
     default:
       return null;
   }
-}
-
-function operatorWords(line: Line): string {
-  const order = ORDERS[line.word ?? ""] ?? line.word ?? "order";
-  if (line.candidate !== undefined) return `Operator: ${order} ${line.candidate}`;
-  if (line.p) return `Operator: ${order}, E ${line.p[0]!.toFixed(0)} m, N ${line.p[1]!.toFixed(0)} m`;
-  return `Operator: ${order}`;
 }

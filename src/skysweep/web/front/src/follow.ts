@@ -2,12 +2,16 @@
 
 import { runPath } from "./api";
 import type { Store } from "./store";
-import type { Message } from "./types";
+import type { Line, Message } from "./types";
 
 export interface Following {
   /** A sentence about the connection or the run; empty: all is well. */
   said(sentence: string): void;
   status(flying: boolean, ended: boolean): void;
+  /** New lines of the journal, which the store has. */
+  lines(lines: readonly Line[]): void;
+  /** The connection has ended; lines may come again later. */
+  lost(): void;
   /** The journal was cut and begins anew. */
   restart(): void;
 }
@@ -40,6 +44,7 @@ export class Follow {
     this.socket.onmessage = (event) => this.take(JSON.parse(event.data as string) as Message);
     this.socket.onclose = () => {
       if (this.closed) return;
+      this.told.lost();
       const wait_s = Math.min(0.5 * 2 ** this.lost++, LONGEST_WAIT_S);
       if (this.lost > 1) this.told.said("The connection to skysweep is lost; trying again.");
       setTimeout(() => this.connect(), 1000 * wait_s);
@@ -57,6 +62,7 @@ export class Follow {
           return;
         }
         this.store.add(message.lines);
+        this.told.lines(message.lines);
         break;
       case "coverage":
         this.store.addCoverage(message.t, bytesOf(message.pod));

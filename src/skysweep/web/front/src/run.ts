@@ -74,7 +74,7 @@ class RunPage {
     document.title = `${scene.name} – skysweep`;
     this.store = new Store(scene);
     const mayOrder = scene.controls && scene.live && hasToken();
-    this.controls = mayOrder ? new Controls(id, scene.simulated, (sentence) => this.say(sentence)) : null;
+    this.controls = mayOrder ? new Controls(id, scene.external, (sentence) => this.say(sentence)) : null;
     this.theme = new Theme((dark) => this.setTheme(dark));
     this.camera = new CameraPanel(id, this.store);
     this.figures = new Figures(this.store);
@@ -101,7 +101,7 @@ class RunPage {
       coloured: (colour) => this.scene3d?.colourBy(colour),
     });
     this.views.append(this.tools.element, this.tools.coordinates, this.tools.legend);
-    this.views.append(this.trouble);
+    this.views.append(h("div", { class: "alerts" }, this.trouble, this.controls?.holding));
     this.listen();
     this.setTheme(this.theme.dark);
     if (scene.live) this.clock.follow();
@@ -109,6 +109,8 @@ class RunPage {
     new Follow(id, this.store, {
       said: (sentence) => this.trouble_(sentence),
       status: (flying) => (this.flying = flying),
+      lines: (lines) => this.flying && this.controls?.heard(lines), // those of before are not meant
+      lost: () => this.controls?.lost(),
       restart: () => location.reload(),
     });
     requestAnimationFrame((now_ms) => this.frame(now_ms));
@@ -204,6 +206,7 @@ class RunPage {
       this.shownKey = key;
       this.show(clock.t, this.silent_s(now_ms));
     }
+    this.controls?.show(store.holder, now_ms);
     this.camera.show(clock.t); // a picture comes when it comes
     this.scrubber.show(this.scene.live && store.ended === null);
     requestAnimationFrame((next_ms) => this.frame(next_ms));
@@ -212,7 +215,7 @@ class RunPage {
   /** For how many seconds a live mission has told nothing; 0 where that is not long. */
   private silent_s(now_ms: number): number {
     const quiet_s = Math.floor((now_ms - this.news_ms) / 1000);
-    const longest_s = this.scene.simulated ? LONGEST_QUIET_SIMULATED_S : LONGEST_QUIET_S;
+    const longest_s = this.scene.external ? LONGEST_QUIET_S : LONGEST_QUIET_SIMULATED_S;
     return this.scene.live && this.store.ended === null && this.newest_s > 0 && quiet_s >= longest_s ? quiet_s : 0;
   }
 

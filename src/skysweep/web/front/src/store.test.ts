@@ -53,6 +53,26 @@ describe("the state", () => {
   });
 });
 
+describe("who else flies the vehicle", () => {
+  const taken = (t: number, action: string, holder?: string): Line => ({
+    t, kind: "safety", cause: "taken over", action, ...(holder && { holder }),
+  });
+  const now = (...lines: Line[]) => storeOf(taken(1, "KEEP_OUT", "it is in Position"), ...lines).holder;
+
+  it("is in the newest line of it", () => {
+    expect(storeOf(state(0, 0)).holder).toBeNull();
+    expect(now(state(2, 0), { t: 2, kind: "safety", cause: "wind", action: "HOLD" })).toBe("it is in Position");
+    expect(now(taken(2, "KEEP_OUT", "it is in Land"))).toBe("it is in Land");
+  });
+
+  it("is nobody after it was given back, and before a resumed mission says so again", () => {
+    expect(now(taken(2, "CONTINUE"))).toBeNull();
+    expect(now(taken(2, "HOLD"))).toBeNull();
+    expect(now({ t: 2, kind: "resumed" })).toBeNull();
+    expect(now({ t: 2, kind: "end", reason: "completed" })).toBeNull();
+  });
+});
+
 describe("candidates", () => {
   const store = storeOf(
     sighting(10, 1, 0.4), decision(10.2, "scanned", 1, { probability: 0.6, reason: "seen" }),

@@ -148,6 +148,8 @@ export class Store {
   end_s = 0;
   heights: Heights | null = null;
   ended: string | null = null;
+  /** Who else flies the vehicle, in the mission's words; null: nobody does. */
+  holder: string | null = null;
   planned_enu_m: number[][] = [];
   readonly states = new Rows(STATE_WIDTH);
   readonly looks = new Series<Look>();
@@ -229,8 +231,15 @@ export class Store {
       case "next_sortie":
         this.sorties_s.push(line.t);
         break;
+      case "safety":
+        if (line.cause === "taken over") this.holder = line.holder ?? null;
+        break;
+      case "resumed":
+        this.holder = null; // it is said again where it is still so
+        break;
       case "end":
         this.ended = line.reason ?? "";
+        this.holder = null;
         break;
       default:
         if (DECISIONS.has(line.kind)) this.candidateOf(line)?.decisions.add(line.t, line);

@@ -22,6 +22,8 @@ export interface Scene {
   seed: number;
   version: string;
   simulated: boolean;
+  /** Its vehicle or a part of it is not simulated with it: somebody else may fly it. */
+  external: boolean;
   live: boolean;
   controls: boolean;
   origin: { latitude_deg: number; longitude_deg: number; altitude_amsl_m: number };
@@ -106,6 +108,7 @@ export interface Line {
   cause?: string;
   action?: string;
   sentence?: string;
+  holder?: string;
   waypoints_enu_m?: number[][];
   number?: number;
   why?: string;
