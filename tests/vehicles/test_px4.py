@@ -648,6 +648,20 @@ def test_a_vehicle_that_lost_its_program_is_gone_on_with():
     assert check.passed, check
 
 
+def test_who_arms_it_after_it_refused_us_is_not_disarmed_at_our_end():
+    there = LookAlike(5)
+    there.sky.pilot.battery_share = 0.03
+    there.wait(2.0)
+    with pytest.raises(UserError, match="does not arm"):
+        there.vehicle.takeoff(10.0)
+    there.sky.pilot.battery_share = 1.0
+    there.wait(2.0)
+    there.command(m.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+    there.wait(2.0)
+    there.vehicle.close()
+    assert there.flown()[1]
+
+
 def test_what_speaks_against_arming_is_said():
     there = LookAlike(5)
     there.sky.pilot.battery_share = 0.03

@@ -184,7 +184,11 @@ class Px4Vehicle:
             self.telemetry.begin_battery()
             self.stand_by()
         self._taking_off, before = True, told.flown
-        self._arm(before)
+        try:
+            self._arm(before)
+        except UserError:
+            self._taking_off = False  # who arms it now does so for themselves
+            raise
         if self.is_called_off():
             self._call_off(before)
         self._start_clock()
