@@ -269,7 +269,7 @@ def after(
     ],
     sweep_width_m: Annotated[
         float | None,
-        typer.Option(help="Effective sweep width, m. Default: of each run's calibrated sensor, by altitude."),
+        typer.Option(help="Effective sweep width, m. Default: each run by its POD map, look by look."),
     ] = None,
     lkp: MarkOption = None,
     out: OutOption = Path("after.npz"),
