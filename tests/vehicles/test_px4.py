@@ -648,6 +648,24 @@ def test_a_vehicle_that_lost_its_program_is_gone_on_with():
     assert check.passed, check
 
 
+def test_a_word_for_one_takeover_is_not_for_the_next_of_the_same_mode():
+    there = LookAlike(5)
+    there.vehicle.takeoff(10.0)
+    holders = []
+    for _ in range(2):
+        while there.flown()[0] != PX4Mode.OFFBOARD.value:
+            there.wait(0.1)
+        there.command(m.MAV_CMD_DO_SET_MODE, 1, *PX4Mode.HOLD.value)
+        there.wait(2.0)
+        holders.append(there.vehicle.state().taken_over)
+        if len(holders) == 1:
+            assert there.vehicle.regain(holders[0]) == ""
+    assert holders == ["it is in Hold: somebody chose that", "it is in Hold: somebody chose that (time 2)"]
+    assert "since then somebody else took" in there.vehicle.regain(holders[0])
+    assert there.flown()[0] == PX4Mode.HOLD.value
+    assert there.vehicle.regain(holders[1]) == ""
+
+
 def test_who_arms_it_after_it_refused_us_is_not_disarmed_at_our_end():
     there = LookAlike(5)
     there.sky.pilot.battery_share = 0.03

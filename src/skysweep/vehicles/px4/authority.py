@@ -10,6 +10,7 @@ vehicle back: setpoints are sent again if nobody else can be flying it, and PX4'
 from __future__ import annotations
 
 import threading
+from collections import Counter
 
 from skysweep.vehicles.mavlink.modes import PX4Mode
 from skysweep.vehicles.px4.link import PX4Link
@@ -42,6 +43,7 @@ class FlightAuthority:
         self.theirs = self.waits = ""
         self._theirs_when: tuple[bool, PxMode] | None = None  # armed and mode, when that was said
         self._theirs_since_s = float("-inf")
+        self._said = Counter[str]()  # of these words, how often: a word for one holder is not for the next
         self._deaf = False
         self._heard_again_s = float("-inf")  # the end of the silence that was noticed last
         self._caught_up_s = float("-inf")  # when its messages were current again: older ones tell nothing
@@ -223,7 +225,9 @@ class FlightAuthority:
         self._say(f"it is in {mode_name(mode)}: {why}")
 
     def _say(self, theirs: str) -> None:
-        self.theirs, self._theirs_since_s = theirs, self._link.now_s()
+        self._said[theirs] += 1
+        again = f" (time {self._said[theirs]})" if self._said[theirs] > 1 else ""
+        self.theirs, self._theirs_since_s = f"{theirs}{again}", self._link.now_s()
         self._theirs_when = self._told.armed, self._told.flown
 
 
