@@ -237,13 +237,28 @@ def test_texture_is_seen_under_noise(whole):
     assert None not in found[20:]
 
 
-def test_a_road_under_noise_is_no_dirt():
-    """It stays in the same part of the picture all along."""
+def plain_stripe(left_m, right_m):
+    """The ground with a stripe to the north that shows nothing: it stays in the same part of the picture."""
+    ground = GROUND.copy()
+    ground[:, int((HALF_M + left_m) / M_PER_PX) : int((HALF_M + right_m) / M_PER_PX)] = 110.0
+    return ground
+
+
+@pytest.mark.parametrize("noise", [0.5, 2.0, 9.0])
+def test_a_road_is_no_dirt(noise):
     rng = np.random.default_rng(3)
-    poses = there_and_back(40)
-    road = GROUND.copy()
-    road[:, int((HALF_M - 2.0) / M_PER_PX) : int((HALF_M + 8.0) / M_PER_PX)] = 110.0
-    assert whys(doubts(poses, [picture(pose, rng, road, noise=9.0) for pose in poses])) == set()
+    poses, road = there_and_back(40), plain_stripe(-2.0, 8.0)
+    assert whys(doubts(poses, [picture(pose, rng, road, noise) for pose in poses])) == set()
+
+
+@pytest.mark.parametrize("speed_mps", [1.5, 5.0])
+def test_a_roof_or_a_field_that_fills_half_of_the_picture_is_neither_dirt_nor_out_of_focus(speed_mps):
+    rng = np.random.default_rng(3)
+    poses, field = there_and_back(60, speed_mps), plain_stripe(2.0, 40.0)
+    sharp = [picture(pose, rng, field, noise=0.5) for pose in poses]
+    assert whys(doubts(poses, sharp)) == set()
+    blurred = [cv2.GaussianBlur(image, (0, 0), 4.0) for image in sharp[20:]]
+    assert [d and d.why for d in doubts(poses, [*sharp[:20], *blurred])][20:] == ["is out of focus"] * 40
 
 
 @pytest.mark.parametrize("ground", [np.full_like(GROUND, 110.0), GROUND])
@@ -378,20 +393,33 @@ def test_a_compass_that_is_right_again_is_trusted_again():
     assert found[120:] == [None] * 80
 
 
-def test_dirt_on_the_lens(whole):
-    poses, sound = whole
+def soiled(images, seed=4):
+    """What a camera shows with a grey blot on its lens."""
     ys, xs = np.mgrid[:180, :320]
     clear = np.clip((np.hypot(xs - 110, ys - 70) - 45) / 15, 0, 1)[..., None]
-    rng = np.random.default_rng(4)
-    dirty = [
+    rng = np.random.default_rng(seed)
+    return [
         np.clip(clear * image + (1 - clear) * (60 + rng.normal(0, 2, image.shape)), 0, 255).astype(np.uint8)
-        for image in sound[20:]
+        for image in images
     ]
-    found = doubts(poses, [*sound[:20], *dirty])
+
+
+def test_dirt_on_the_lens(whole):
+    poses, sound = whole
+    found = doubts(poses, [*sound[:20], *soiled(sound[20:])])
     assert 20 < first(found) <= 32
     assert found[first(found)].since_s <= 21 * PERIOD_S
     assert found[first(found)].why.startswith("has something on its lens")
     assert None not in found[first(found) :]
+
+
+def test_dirt_shows_where_the_ground_has_texture():
+    """Beside a field that shows nothing; and while the vehicle flies slowly."""
+    rng = np.random.default_rng(3)
+    poses, field = there_and_back(80, speed_mps=2.0), plain_stripe(3.0, 40.0)
+    found = doubts(poses, soiled([picture(pose, rng, field) for pose in poses]))
+    assert first(found) <= 15
+    assert found[first(found)].why.startswith("has something on its lens")
 
 
 def test_out_of_focus(whole):

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import takewhile
 from typing import NamedTuple
 
@@ -176,6 +177,7 @@ class CameraWatch:
         step = self._step(self._before, view)
         if step is not None:
             step = step._replace(is_hard=is_hard)
+            view = replace(view, remembered=step.moved.remembered)
         self._before, self._up_enu, self._tilted_rad = view, up_enu, tilted_rad
         self._steps.append(step)
         told = [s for s in [*self._steps][-_STEPS:] if s is not None]
@@ -362,7 +364,7 @@ def _dirt(steps: Sequence[_Step], known: Doubt | None) -> Doubt | None:
 
 def _stuck_share(motions: Sequence[GroundMotion]) -> float:
     """The largest connected part of the picture that nearly always stood still instead of moving."""
-    moved = np.sum([m.moved for m in motions], axis=0)
+    moved = np.sum([m.moved & m.tells for m in motions], axis=0)
     still = np.sum([m.moved & m.still & ~m.followed for m in motions], axis=0)
     stuck = (moved >= len(motions) // 2) & (still >= _NEARLY_ALWAYS * moved)
     _, _, parts, _ = cv2.connectedComponentsWithStats(stuck.astype(np.uint8), connectivity=4)

@@ -24,6 +24,7 @@ Mask = NDArray[np.bool_]
 CELLS = (9, 16)  # rows and columns of the small picture
 _WIDTH_PX = 160  # of it
 _TEXTURED, _OVER_NOISE = 2.0, 2.0  # standard deviation in grey levels and over the noise's; less may be noise
+_PLAINLY = 2.0  # times that: what shows nothing hides such texture
 _PEAKS = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6.0  # unit noise stays unit noise
 _MAD = 1.4826  # to the standard deviation of a normal distribution
 _ALIKE = 0.6  # local correlation of two pictures that show the same
@@ -33,7 +34,7 @@ _FITS = 0.5  # share that is alike
 _MANOEUVRES = (((-9.0, -6.0, -3.0, 3.0, 6.0, 9.0), (1.0,)), ((-1.5, 0.0, 1.5), (0.96, 1.04)))
 # degrees and scales, in turn, by which heading, gimbal and height may lag
 _FINE_PX, _MIDDLE_PX = 1.0, 2.5
-_SHOWS, _SHOWS_OVER_NOISE = 0.3, 0.15  # grey levels, and over the noise, which alone leaves half of that
+_SHOWS, _SHOWS_SHARE = 1.0, 0.05  # grey levels of detail, and share of the picture with any
 _MOVED_PX = 2.0
 _SLANT = -0.3  # of a line of sight that meets nearby ground
 _CENTRES = np.array([[1.0, 0.0, -0.5], [0.0, 1.0, -0.5], [0.0, 0.0, 1.0]])  # of OpenCV's pixels
@@ -51,6 +52,7 @@ class View:
     sharpness: float  # finest over coarser detail, squared; inf: no detail
     noise: float  # grey levels, standard deviation; fine texture counts as well
     brightness: float  # its mean
+    remembered: F32  # (h, w) contrast of the ground in sight, in this picture or one before
 
 
 class GroundMotion(NamedTuple):
@@ -64,7 +66,9 @@ class GroundMotion(NamedTuple):
     alike: float  # share of that where both show the same
     moved: Mask  # CELLS in both that should have moved
     followed: Mask  # CELLS with texture that moved with the rest
-    still: Mask  # CELLS that show the same as before, or nothing
+    still: Mask  # CELLS that show the same as before, or nothing where the ground has texture
+    tells: Mask  # CELLS of which either would be known
+    remembered: F32  # that of the later ``View``, with the earlier one's
 
     @property
     def believed_m(self) -> F64:
@@ -83,10 +87,9 @@ def view_of(frame: Frame, grey: U8) -> View:
     lens = Lens(_WIDTH_PX, max(1, round(_WIDTH_PX * height / width)), frame.lens.hfov_rad)
     small = cv2.resize(grey, (lens.width_px, lens.height_px), interpolation=cv2.INTER_AREA).astype(np.float32)
     texture = small - cv2.GaussianBlur(small, (0, 0), _COARSE_PX)
-    noise = _noise(grey, lens)
-    sharpness = _sharpness(texture, noise)
-    contrast, brightness = _contrast(texture), float(small.mean())
-    return View(frame.time_s, texture, contrast, frame.camera, lens, sharpness, noise, brightness)
+    noise, contrast, brightness = _noise(grey, lens), _contrast(texture), float(small.mean())
+    sharpness = _sharpness(texture, contrast, noise)
+    return View(frame.time_s, texture, contrast, frame.camera, lens, sharpness, noise, brightness, contrast)
 
 
 def _noise(grey: U8, small: Lens) -> float:
@@ -100,11 +103,14 @@ def _noise(grey: U8, small: Lens) -> float:
     return 0.5 * _MAD * float(np.median(np.abs(peaks)))
 
 
-def _sharpness(texture: F32, noise: float) -> float:
-    coarser = float(np.median(np.abs(cv2.GaussianBlur(texture, (0, 0), _MIDDLE_PX))))
-    if coarser < max(_SHOWS, _SHOWS_OVER_NOISE * noise):
+def _sharpness(texture: F32, contrast: F32, noise: float) -> float:
+    """Of what shows detail: a roof or a meadow is no less sharp for showing none."""
+    shows = contrast >= max(_SHOWS, _OVER_NOISE * noise)
+    if shows.mean() < _SHOWS_SHARE:
         return math.inf
-    return float(np.median(np.abs(texture - cv2.GaussianBlur(texture, (0, 0), _FINE_PX))) / coarser) ** 2
+    coarser = np.abs(cv2.GaussianBlur(texture, (0, 0), _MIDDLE_PX))[shows]
+    finest = np.abs(texture - cv2.GaussianBlur(texture, (0, 0), _FINE_PX))[shows]
+    return float(np.median(finest) / np.median(coarser)) ** 2
 
 
 def looks_down(lens: Lens, camera: CameraPose) -> bool:
@@ -124,7 +130,9 @@ def motion(before: View, now: View, ground_m: float) -> GroundMotion:
         tried = [_turned(lens, turn, scale) @ fit.warp for turn in turns_deg for scale in scales]
         fit = max(fit, *(_shifted(before, now, turned) for turned in tried), key=_alike)
     same = _correlation(before.texture, now.texture, before.contrast, now.contrast) >= _ALIKE
-    blank = np.maximum(before.contrast, now.contrast) < _TEXTURED
+    same &= np.maximum(before.contrast, now.contrast) >= _TEXTURED
+    remembered = _warped(before.remembered, fit.warp)[0]
+    hidden = (remembered >= _PLAINLY * _textured(before, now)) & (now.contrast < _TEXTURED)
 
     def cells(mask: Mask) -> Mask:
         return cv2.resize(mask.astype(np.float32), (columns, rows), interpolation=cv2.INTER_AREA) >= 0.5
@@ -144,7 +152,9 @@ def motion(before: View, now: View, ground_m: float) -> GroundMotion:
         fit.alike,
         cells(fit.inside) & (moved_px >= _MOVED_PX),
         cells(fit.followed),
-        cells(same | blank),
+        cells(same | hidden),
+        cells(same | hidden | (now.contrast >= _TEXTURED)),
+        np.maximum(now.contrast, remembered),
     )
 
 
