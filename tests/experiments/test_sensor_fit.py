@@ -12,6 +12,7 @@ from skysweep.experiments.calibration.fit import (
     ALTITUDES_M,
     GRID_PX,
     MISSION_CONFIDENCE_MIN,
+    Shares,
     both_below,
     contrast_models,
     factors_of,
@@ -43,7 +44,15 @@ SPREAD = 0.4
 
 
 def draw_looks(
-    object_share=0.0, pass_share=0.0, fade_px=64.0, lapse=0.0, n_objects=500, passes=6, seed=0, subject=SIGN
+    object_share=0.0,
+    pass_share=0.0,
+    fade_px=64.0,
+    lapse=0.0,
+    lapse_shares=(0.0, 0.0),
+    n_objects=500,
+    passes=6,
+    seed=0,
+    subject=SIGN,
 ):
     """Looks as the sensor draws them: passes of successive looks from nearly one place."""
     rng = np.random.default_rng(seed)
@@ -72,7 +81,16 @@ def draw_looks(
     sides = view, front, front * np.clip((x - np.log(8)) / np.log(8), 0, 1)
     factors = np.column_stack([*sides, hidden, cut**2, at_edge_y, beside, blur, contrast, np.log1p(others)])
     scores = np.interp(x, GRID, MEAN) + factors @ FACTORS + SPREAD * z
-    reported = (scores >= score_of(CONFIDENCE_FLOOR)) & (rng.random(n) >= lapse)
+    draw = rng.random(n)
+    if any(lapse_shares):
+        of_pass = rng.random(n)
+        for k in np.flatnonzero(number):
+            if rng.random() < np.exp(-step_px[k] / fade_px):
+                of_pass[k] = of_pass[k - 1]
+        whose, own = rng.random((2, n_objects))
+        whose = whose[instance]
+        draw = np.select([whose < lapse_shares[0], whose < sum(lapse_shares)], [own[instance], of_pass], draw)
+    reported = (scores >= score_of(CONFIDENCE_FLOOR)) & (draw >= lapse)
     confidences = np.zeros((n, len(CLASSES)))
     confidences[reported, OWN] = confidence_of(scores[reported])
     offsets = np.full((n, len(CLASSES), 2), np.nan)
@@ -136,7 +154,7 @@ def test_what_a_ground_does_is_recovered():
         )
     )
     key, curve = next(iter(fit_curves(both, factors_of(both)).items()))
-    model = kind_model(key, curve, 0.0, 0.0)
+    model = kind_model(key, curve, Shares(0.0, 0.0, 0.0, 0.0))
     assert model.grounds["grass"] - model.grounds["snow"] == pytest.approx(0.8, abs=0.1)
 
 
@@ -153,10 +171,23 @@ def test_what_looks_have_in_common_is_recovered(own, of_pass):
     factors = factors_of(looks)
     curves = fit_curves(looks, factors)
     shares, fade_px = fit_shares(looks, factors, curves)
-    assert shares[SIGN, OWN][0] == pytest.approx(own, abs=0.15)
-    assert shares[SIGN, OWN][1] == pytest.approx(of_pass, abs=0.2)
+    assert shares[SIGN, OWN].of_object == pytest.approx(own, abs=0.15)
+    assert shares[SIGN, OWN].of_pass == pytest.approx(of_pass, abs=0.2)
     if of_pass >= 0.4:
         assert 16 <= fade_px <= 256
+
+
+@pytest.mark.parametrize(("own", "of_pass"), [(0.0, 0.0), (0.7, 0.0), (0.1, 0.8), (0.5, 0.4)])
+def test_whose_lapses_are_is_recovered(own, of_pass):
+    """Beside what the scores have in common. Some objects' lapses are all their own, some of a pass."""
+    looks = draw_looks(0.3, 0.4, lapse=0.2, lapse_shares=(own, of_pass))
+    factors = factors_of(looks)
+    shares, _ = fit_shares(looks, factors, fit_curves(looks, factors))
+    found = shares[SIGN, OWN]
+    assert found.lapse_of_object == pytest.approx(own, abs=0.21)
+    assert found.lapse_of_object + found.lapse_of_pass == pytest.approx(own + of_pass, abs=0.25)
+    assert found.of_object == pytest.approx(0.3, abs=0.15)
+    assert found.of_pass == pytest.approx(0.4, abs=0.2)
 
 
 def test_two_correlated_normals_below():
@@ -184,10 +215,11 @@ def test_what_is_never_reported_is_not_in_the_model(looks):
 def test_kinds_are_written_as_they_were_fitted(looks):
     curves = fit_curves(looks, factors_of(looks))
     ((key, curve),) = curves.items()
-    kind = kind_model(key, curve, 0.3, 0.4)
+    kind = kind_model(key, curve, Shares(0.3, 0.4, 0.5, 0.2))
     assert (kind.kind, kind.pose, kind.reported_as) == ("stop sign", "face-up", "stop sign")
     np.testing.assert_allclose(kind.score, curves[SIGN, OWN].mean, atol=1e-3)
     assert (kind.object_share, kind.pass_share) == (0.3, 0.4)
+    assert (kind.lapse_object_share, kind.lapse_pass_share) == (0.5, 0.2)
 
 
 def test_colours_that_were_not_measured_are_the_usual_on_that_ground(looks):

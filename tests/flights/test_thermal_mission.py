@@ -40,7 +40,7 @@ class BrightSpots:
 
 @pytest.mark.slow
 def test_persons_are_found_by_their_warmth(tmp_path: Path) -> None:
-    night = change_scenario(load_scenario(ROOT / "examples" / "night.yaml"), CHANGES)
+    night = change_scenario(load_scenario("night"), CHANGES)
     run = skysweep.run(night, seed=1, detector=BrightSpots(), out=tmp_path / "run")
     assert run.summary["n_confirmed"] == run.summary["n_targets"] == 2
     looks = [json.loads(line) for line in (tmp_path / "run" / "journal.jsonl").read_text().splitlines()]

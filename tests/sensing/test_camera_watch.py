@@ -413,6 +413,27 @@ def test_dirt_on_the_lens(whole):
     assert None not in found[first(found) :]
 
 
+def test_a_part_that_goes_blank_stays_doubted_though_nothing_new_comes_below_it(whole):
+    poses, sound = whole
+    dead = [image.copy() for image in sound[20:]]
+    for image in dead:
+        image[:, :80] = 60
+    found = doubts(poses, [*sound[:20], *dead])
+    assert first(found) <= 32
+    assert None not in found[first(found) :]
+    again = doubts(poses, [*sound[:20], *dead[:20], *sound[40:]])
+    assert again[60:] == [None] * 40
+
+
+def test_a_border_between_fields_is_not_out_of_focus():
+    """It alone shows detail, after ground full of it."""
+    poses, ground, rng = there_and_back(80), GROUND.copy(), np.random.default_rng(3)
+    row = int(HALF_M / M_PER_PX)
+    ground[row - 320 : row + 160] = 110.0
+    ground[row - 80 : row + 160] = 150.0
+    assert whys(doubts(poses, [picture(pose, rng, ground, noise=0.5) for pose in poses])) == set()
+
+
 def test_dirt_shows_where_the_ground_has_texture():
     """Beside a field that shows nothing; and while the vehicle flies slowly."""
     rng = np.random.default_rng(3)

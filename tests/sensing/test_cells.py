@@ -87,11 +87,16 @@ def test_it_grows_within_0_and_1_and_only_where_the_picture_shows_the_cell(looks
         ("person", "floating", 1.7, 40.0),
     ],
 )
-def test_a_straight_pass_agrees_with_drawn_ones(name, pose, size_m, height_m):
+@pytest.mark.parametrize("lapses", [(0.0, 0.0, 0.0), (0.2, 0.6, 0.4), (0.2, 0.0, 0.5)])
+def test_a_straight_pass_agrees_with_drawn_ones(name, pose, size_m, height_m, lapses):
     """``lateral_range`` draws a thousand passes, with the luck that looks have in common."""
 
     calm = load_scenario("clusters")
     kind = next(k for k in MODEL.kinds if k.kind == k.reported_as == name and k.pose == pose)
+    more, *shares = lapses
+    of_lapses = dict(zip(("lapse_object_share", "lapse_pass_share"), shares, strict=True))
+    kind = kind.model_copy(update={"lapse": [max(share, more) for share in kind.lapse], **of_lapses})
+    model = MODEL.model_copy(update={"kinds": [kind]})
     width_m, along_m = CAMERA.lens.footprint_m(height_m)
     aside_m = width_m / 2 * np.array([0.1, 0.4, 0.7])
     drawn = lateral_range(calm, kind, size_m, height_m, aside_m)
@@ -104,7 +109,7 @@ def test_a_straight_pass_agrees_with_drawn_ones(name, pose, size_m, height_m):
         of_target = {name: (size_m, size_m)}, {name: (pose,)}
         unknown = replace(FLAT, surface="unknown")
         cells = SearchedCells(
-            centres, np.ones((1, 3), bool), unknown, NO_SOLIDS, CAMERA, DetectorModel(), MODEL, *of_target
+            centres, np.ones((1, 3), bool), unknown, NO_SOLIDS, CAMERA, DetectorModel(), model, *of_target
         )
         for y in np.arange(-along_m / 2 - 5 + share * step_m, along_m / 2 + 5, step_m):
             cells.look(CameraPose(np.array([0.0, y, height_m]), R), motion)

@@ -186,6 +186,38 @@ def test_lapses_hit_whatever_the_score():
     assert_rate(sum(map(len, found)), LOOKS, 0.8)
 
 
+@pytest.mark.parametrize(("own", "of_pass"), [(0.0, 0.0), (0.5, 0.0), (0.3, 0.5), (0.0, 1.0)])
+def test_lapses_are_of_the_object_of_the_pass_or_of_the_look(own, of_pass):
+    """Of 60 signs, each seen in 16 passes of 4 looks, 10 px apart."""
+    lapse, z = 0.25, height_for(60.0)
+    signs = [sign(2000.0 * k) for k in range(60)]
+    at_m = np.array([s.position_enu_m[0] for s in signs]).repeat(64) + np.tile(
+        np.arange(4) * 10.0 * z / LENS.focal_px, 60 * 16
+    )
+    gone = nadir(z, -500.0)
+    views = iter(
+        [view for k, x in enumerate(at_m.tolist()) for view in ([gone] * (k % 4 == 0) + [nadir(z, x)])]
+    )
+    shares = {"lapse_object_share": own, "lapse_pass_share": of_pass}
+    tables = model(table(scores=(4.0,) * 4, lapse=lapse, **shares), fade_px=50.0)
+    wide = TerrainSurface(np.zeros((2, 2)), (-1000, -200, 130_000, 200), "grass")
+    seen = np.array([len(d) for d in looks(signs, tables, lambda: next(views), 60 * 80, surface=wide)])
+    missed = 1.0 - seen.reshape(60, 16, 5)[:, :, 1:]
+    assert missed.mean() == pytest.approx(lapse, abs=0.04 if own == 0.0 else 0.12)
+    ever = missed.mean(axis=(1, 2))
+    always = float((ever == 1.0).mean())
+    assert always == pytest.approx(own * lapse, abs=0.1)
+    others = missed[ever < 1.0]
+    rest = 1.0 - (1.0 - lapse) / (1.0 - own * lapse)
+    assert others.mean() == pytest.approx(rest, abs=0.04)
+    of_those = of_pass / (1.0 - own)
+    again = others[:, :, 1:][others[:, :, :-1] == 1.0].mean()
+    kept = np.exp(-10.0 / 50.0)
+    assert again == pytest.approx(rest + of_those * kept * (1.0 - rest), abs=0.12)
+    apart = np.corrcoef(others[:, :-1, 0].ravel(), others[:, 1:, 0].ravel())[0, 1]
+    assert abs(apart) < 0.1
+
+
 def test_a_flat_view_the_edge_blur_and_contrast_shift_the_score():
     level = (0.0,) * 4
     true = nadir(height_for(30.0))

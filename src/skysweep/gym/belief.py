@@ -5,8 +5,9 @@ also the probability that something unseen is there, relative to that before the
 
 The chance that a look detects a target comes from the statistical sensor's model: pixels on target at this
 depth, the angle of view, the ground, lapses, the confidence threshold. A target's luck, its own and that of a
-pass, stays the same in all looks, as if there were one pass: the raster rather falls too slowly than too
-fast. Targets have a searched class, the smallest size, and with equal probability any pose that was measured.
+pass, of the score and of lapses, stays the same in all looks, as if there were one pass: the raster rather
+falls too slowly than too fast. Targets have a searched class, the smallest size, and with equal probability
+any pose that was measured.
 Heading, colour, blur and the camera's true pose are unknown to the mission and ignored. A place below a crown
 or a roof is never seen; places beside them that they hide count as open.
 """
@@ -60,7 +61,7 @@ class Belief:
         self._cell, self._places, self._roofed = cell, places, roofed
         self._optics = np.array([lens.focal_px, lens.width_px, lens.height_px])
         self._chances, self._weights = chances, weights
-        self._missed = np.ones((len(cell), _LUCKS))
+        self._missed = np.ones((len(cell), len(weights)))
         self._looks = np.zeros(len(cell), dtype=np.int64)
         self._n_covered = 0
         self.unseen: F32 = inside.astype(np.float32).reshape(cells, cells)
@@ -80,15 +81,32 @@ class Belief:
 def chances_of_look(scenario: Scenario) -> tuple[F64, F64]:
     """The chance (D, V, L) that one look reports a target, and the weights (L,) of its lucks.
 
-    The axes are ``_DEPTHS_M``, ``_VIEWS`` and a target's possible lucks, best last. Raises UserError as
-    ``model_for``.
+    The axes are ``_DEPTHS_M``, ``_VIEWS`` and a target's possible lucks, the last of which is that all looks
+    lapse. Raises UserError as ``model_for``.
     """
     model = model_for(scenario)
     lucks, weights = hermegauss(_LUCKS)
     own = [k for k in model.kinds if k.kind == k.reported_as and k.kind in scenario.target_classes]
     kinds = [k for k in own if k.pose in (*USUAL_POSES, *scenario.target_poses[k.kind])]
-    chances = np.mean([_chances(model, kind, scenario, lucks) for kind in kinds], axis=0)
-    return np.ascontiguousarray(chances), weights / weights.sum()
+    in_scan = [_common_lapse(model, kind, _scan_pixels(model, kind, scenario)) for kind in kinds]
+    lapsing = float(np.mean(in_scan))
+    seeing = np.mean([_chances(model, kind, scenario, lucks) for kind in kinds], axis=0) / (1.0 - lapsing)
+    chances = np.concatenate([np.minimum(seeing, 1.0), np.zeros((*seeing.shape[:2], 1))], axis=-1)
+    return chances, np.append((1.0 - lapsing) * weights / weights.sum(), lapsing)
+
+
+def _scan_pixels(model: StatisticalModel, kind: KindModel, scenario: Scenario) -> float:
+    """On a target of the smallest size, from straight above."""
+    focal_px = model.view_of(scenario.camera, scenario.detector).focal_px
+    shape, size_m = SHAPES.get(kind.pose, FLAT), scenario.target_sizes_m[kind.kind][0]
+    height_m = scenario.search.scan_altitude_agl_m
+    return pixels_on_target(focal_px, shape, size_m, 0.0, 0.0, height_m, height_m)
+
+
+def _common_lapse(model: StatisticalModel, kind: KindModel, pixels: F64 | float) -> F64:
+    """Share of the targets at which all looks of a pass lapse."""
+    own, of_pass, _ = kind.lapses
+    return np.asarray(np.interp(np.log(pixels), np.log(model.pixels), 1.0 - (1.0 - own) * (1.0 - of_pass)))
 
 
 def _chances(model: StatisticalModel, kind: KindModel, scenario: Scenario, lucks: F64) -> F64:

@@ -19,7 +19,7 @@ import numpy as np
 
 from skysweep.arrays import F64
 from skysweep.scenarios.model import CameraKind
-from skysweep.sensing.ground_motion import GroundMotion, View, looks_down, motion, view_of
+from skysweep.sensing.ground_motion import CELLS, GroundMotion, Mask, View, looks_down, motion, view_of
 from skysweep.types import U8, Doubt, Frame
 from skysweep.worlds.obstacles import Obstacles
 
@@ -131,6 +131,7 @@ class CameraWatch:
         self._follows = False  # since the newest doubt
         self._least: _Fault | None = None  # of the faults meanwhile
         self._dirt: Doubt | None = None
+        self._dirty = np.zeros(CELLS, dtype=np.bool_)
 
     def judge(self, frame: Frame, up_enu: F64) -> Doubt | None:
         """Why not to trust a picture; None: no reason. ``up_enu`` (3,) is where the vehicle's top points."""
@@ -193,7 +194,7 @@ class CameraWatch:
         elif self._strange is not None and (self._is_right_again(steps) or self._is_where_it_was(view)):
             self._strange = None
             self._least = None
-        self._dirt = _dirt(told, self._dirt)
+        self._look_for_dirt(told)
 
     def _is_right_again(self, steps: Sequence[_Step]) -> bool:
         """Whether the ground followed a change of velocity, and the fault is refuted."""
@@ -201,6 +202,22 @@ class CameraWatch:
         if not self._follows or self._least is None:
             return self._follows
         return _refutes([s for s in self._steps if s is not None and s.moved.alike >= _ALIKE], self._least)
+
+    def _look_for_dirt(self, steps: Sequence[_Step]) -> None:
+        """Doubt a lens of which a large part stands still while the rest moves, until it shows ground."""
+        over_ground = [s for s in steps if s.moved.moved.mean() >= _MOVING and not s.drift_mps]
+        moving = [s.moved for s in over_ground[-_DIRT_STEPS:]]
+        if len(moving) < _DIRT_STEPS:
+            return
+        if self._dirt is not None:
+            if (self._dirty & ~_shows_ground(moving)).mean() < _CLEAN_SHARE:
+                self._dirt = None
+            return
+        self._dirty = _stuck(moving)
+        share = self._dirty.mean()
+        if share >= _DIRT_SHARE:
+            why = f"has something on its lens: {share:.0%} of its picture stands still"
+            self._dirt = Doubt(why, over_ground[-_DIRT_STEPS].exposed_s)
 
     def _doubt(self, why: str, since_s: float) -> None:
         """Start over: new comparisons have to prove the camera right."""
@@ -350,22 +367,17 @@ def _adds_up_m(steps_m: Sequence[F64]) -> F64:
     return np.asarray(np.hypot(*np.cumsum(steps_m[::-1], axis=0).reshape(-1, 2).T))
 
 
-def _dirt(steps: Sequence[_Step], known: Doubt | None) -> Doubt | None:
-    """Doubt of a lens: a large part stood still while the rest moved; without motion ``known``."""
-    moving = [s for s in steps if s.moved.moved.mean() >= _MOVING and not s.drift_mps][-_DIRT_STEPS:]
-    if len(moving) < _DIRT_STEPS:
-        return known
-    share = _stuck_share([s.moved for s in moving])
-    if share < (_DIRT_SHARE if known is None else _CLEAN_SHARE):
-        return None
-    why = f"has something on its lens: {share:.0%} of its picture stands still"
-    return known or Doubt(why, moving[0].exposed_s)
-
-
-def _stuck_share(motions: Sequence[GroundMotion]) -> float:
-    """The largest connected part of the picture that nearly always stood still instead of moving."""
+def _stuck(motions: Sequence[GroundMotion]) -> Mask:
+    """CELLS of the largest connected part of the picture that nearly always stood still instead of moving."""
     moved = np.sum([m.moved & m.tells for m in motions], axis=0)
     still = np.sum([m.moved & m.still & ~m.followed for m in motions], axis=0)
     stuck = (moved >= len(motions) // 2) & (still >= _NEARLY_ALWAYS * moved)
-    _, _, parts, _ = cv2.connectedComponentsWithStats(stuck.astype(np.uint8), connectivity=4)
-    return float(parts[1:, cv2.CC_STAT_AREA].max(initial=0) / stuck.size)
+    _, parts, sizes, _ = cv2.connectedComponentsWithStats(stuck.astype(np.uint8), connectivity=4)
+    sizes[0, cv2.CC_STAT_AREA] = 0
+    return np.asarray(stuck & (parts == sizes[:, cv2.CC_STAT_AREA].argmax()))
+
+
+def _shows_ground(motions: Sequence[GroundMotion]) -> Mask:
+    """CELLS that in half of the pictures show something that has moved."""
+    moved = np.sum([m.moved & (m.followed | (m.tells & ~m.still)) for m in motions], axis=0)
+    return np.asarray(moved >= len(motions) / 2)

@@ -24,7 +24,6 @@ Mask = NDArray[np.bool_]
 CELLS = (9, 16)  # rows and columns of the small picture
 _WIDTH_PX = 160  # of it
 _TEXTURED, _OVER_NOISE = 2.0, 2.0  # standard deviation in grey levels and over the noise's; less may be noise
-_PLAINLY = 2.0  # times that: what shows nothing hides such texture
 _PEAKS = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6.0  # unit noise stays unit noise
 _MAD = 1.4826  # to the standard deviation of a normal distribution
 _ALIKE = 0.6  # local correlation of two pictures that show the same
@@ -35,6 +34,7 @@ _MANOEUVRES = (((-9.0, -6.0, -3.0, 3.0, 6.0, 9.0), (1.0,)), ((-1.5, 0.0, 1.5), (
 # degrees and scales, in turn, by which heading, gimbal and height may lag
 _FINE_PX, _MIDDLE_PX = 1.0, 2.5
 _SHOWS, _SHOWS_SHARE = 1.0, 0.05  # grey levels of detail, and share of the picture with any
+_OF_EDGES = 0.5  # median over root mean square of the finest: of edges on plain ground it is less
 _MOVED_PX = 2.0
 _SLANT = -0.3  # of a line of sight that meets nearby ground
 _CENTRES = np.array([[1.0, 0.0, -0.5], [0.0, 1.0, -0.5], [0.0, 0.0, 1.0]])  # of OpenCV's pixels
@@ -104,12 +104,14 @@ def _noise(grey: U8, small: Lens) -> float:
 
 
 def _sharpness(texture: F32, contrast: F32, noise: float) -> float:
-    """Of what shows detail: a roof or a meadow is no less sharp for showing none."""
+    """Of what shows detail: a roof or a meadow is no less sharp for showing none. inf: single edges only."""
     shows = contrast >= max(_SHOWS, _OVER_NOISE * noise)
     if shows.mean() < _SHOWS_SHARE:
         return math.inf
     coarser = np.abs(cv2.GaussianBlur(texture, (0, 0), _MIDDLE_PX))[shows]
     finest = np.abs(texture - cv2.GaussianBlur(texture, (0, 0), _FINE_PX))[shows]
+    if np.median(finest) < _OF_EDGES * math.sqrt(float(np.mean(finest * finest))):
+        return math.inf
     return float(np.median(finest) / np.median(coarser)) ** 2
 
 
@@ -132,7 +134,7 @@ def motion(before: View, now: View, ground_m: float) -> GroundMotion:
     same = _correlation(before.texture, now.texture, before.contrast, now.contrast) >= _ALIKE
     same &= np.maximum(before.contrast, now.contrast) >= _TEXTURED
     remembered = _warped(before.remembered, fit.warp)[0]
-    hidden = (remembered >= _PLAINLY * _textured(before, now)) & (now.contrast < _TEXTURED)
+    hidden = (remembered >= _textured(before, now)) & (now.contrast < _TEXTURED)
 
     def cells(mask: Mask) -> Mask:
         return cv2.resize(mask.astype(np.float32), (columns, rows), interpolation=cv2.INTER_AREA) >= 0.5

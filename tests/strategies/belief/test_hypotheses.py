@@ -96,7 +96,7 @@ def test_the_offsets_are_those_of_the_normal_distribution_given_the_scores():
     scores = mean + np.array([0.3, -0.1, 0.2, 0.4])
     covariance = np.full((4, 4), own**2 + common**2) + rest * np.eye(4)
     weights = np.linalg.solve(covariance, np.ones(4))
-    _, told_own, told_pass, own_var, _, pass_var, _ = after([(height_m, s, 0.0) for s in scores], sure)[0]
+    _, told_own, told_pass, own_var, _, pass_var, *_ = after([(height_m, s, 0.0) for s in scores], sure)[0]
     assert told_own == pytest.approx(own * weights @ (scores - mean), rel=0.05)
     assert told_pass == pytest.approx(common * weights @ (scores - mean), rel=0.05)
     assert own_var == pytest.approx(1.0 - own**2 * weights.sum(), rel=0.05)

@@ -5,9 +5,10 @@ and Marx, Statistical Science 11, 1996) plus linear factors and one shift for ea
 report are censored at the floor of the experiment. Each kind, pose and class is fitted by penalised maximum
 likelihood twice: first on its own, then with the means over all kinds as priors (partial pooling).
 
-Looks at one object, and looks of one pass, share a part of the score's variance. These shares do not affect
-the fit of single looks. They are estimated from the likelihood of pairs of looks (composite likelihood:
-Varin, Reid and Firth, Statistica Sinica 21, 2011).
+Looks at one object, and looks of one pass, share a part of the score's variance, and of the lapses. These
+shares do not affect the fit of single looks. They are estimated from the likelihood of pairs of looks
+(composite likelihood: Varin, Reid and Firth, Statistica Sinica 21, 2011). Two looks share one draw for a part
+of their lapses: below the smaller of these parts both lapse, between the two only the look with the larger.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,6 +77,9 @@ _MAX_PAIRS = 4000
 _SHARES = np.linspace(0.0, 0.9, 19)
 _SHARE_STD = 0.15
 _USUAL_SHARES = (0.3, 0.3)
+_LAPSE_SHARES = np.linspace(0.0, 1.0, 11)
+_LAPSE_SHARE_STD = 0.25
+_USUAL_LAPSE_SHARES = (0.5, 0.3)
 _RATE_CURVE_STD, _RATE_SLOPE_STD = 0.5, 1.0  # of differences of the log rate, an octave of altitude apart
 _SCALE_CURVE_STD, _SCALE_SLOPE_STD = 0.3, 0.3  # and of the log of the mean score
 _SHAPE_STD = 0.3  # of the log of the scores' shape
@@ -247,26 +252,33 @@ class Pairs:
     first_lapse: F64
     second_lapse: F64
 
-    def log_likelihood(self, correlation: F64) -> float:
-        """The log-likelihood of all pairs, given their correlations (N,)."""
-        rho, total = np.broadcast_to(correlation, self.first.shape), 0.0
-        rest = np.sqrt(1.0 - rho**2)
+    def log_likelihood(self, correlation: F64, lapse_share: F64) -> float:
+        """The log-likelihood of all pairs, given their correlations and shared lapses, both (N,)."""
+        rho = np.broadcast_to(correlation, self.first.shape)
+        shared = lapse_share * np.stack([self.first_lapse, self.second_lapse])
+        alone = (np.stack([self.first_lapse, self.second_lapse]) - shared) / (1.0 - shared)
+        clear, rest = 1.0 - shared.max(axis=0), np.sqrt(1.0 - rho**2)
         both = self.first_seen & self.second_seen
         a, b = self.first[both], self.second[both]
         q = (a * a - 2 * rho[both] * a * b + b * b) / rest[both] ** 2
-        total += float((-0.5 * q - np.log(rest[both])).sum())
-        for x, y, lapse, only in (
-            (self.first, self.second, self.second_lapse, self.first_seen & ~self.second_seen),
-            (self.second, self.first, self.first_lapse, self.second_seen & ~self.first_seen),
+        seen = clear[both] * (1.0 - alone[:, both]).prod(axis=0)
+        total = float((-0.5 * q - np.log(rest[both]) + np.log(seen)).sum())
+        for i, j, x, y, only in (
+            (0, 1, self.first, self.second, self.first_seen & ~self.second_seen),
+            (1, 0, self.second, self.first, self.second_seen & ~self.first_seen),
         ):
             below = ndtr((y[only] - rho[only] * x[only]) / rest[only])
-            missed = lapse[only] + (1 - lapse[only]) * below
+            missed = alone[j, only] + (1 - alone[j, only]) * below
+            missed = np.maximum(shared[j, only] - shared[i, only], 0.0) + clear[only] * missed
+            missed *= 1.0 - alone[i, only]
             total += float((-0.5 * x[only] ** 2 + np.log(np.maximum(missed, 1e-300))).sum())
         none = ~self.first_seen & ~self.second_seen
-        a, b = self.first[none], self.second[none]
-        p, q = self.first_lapse[none], self.second_lapse[none]
+        a, b, (p, q) = self.first[none], self.second[none], alone[:, none]
         together = (1 - p) * (1 - q) * both_below(a, b, rho[none])
         missed = p * q + p * (1 - q) * ndtr(b) + q * (1 - p) * ndtr(a) + together
+        first_lapses = shared[0, none] > shared[1, none]
+        other = np.where(first_lapses, q + (1 - q) * ndtr(b), p + (1 - p) * ndtr(a))
+        missed = shared[:, none].min(axis=0) + np.ptp(shared[:, none], axis=0) * other + clear[none] * missed
         return total + float(np.log(np.maximum(missed, 1e-300)).sum())
 
 
@@ -306,51 +318,86 @@ def pairs_of(looks: ScoredLooks, factors: F64, curve: ScoreCurve, c: int) -> tup
     return made(apart, near=False), made(together, near=True)
 
 
+class Shares(NamedTuple):
+    """What looks have in common: parts of the score's variance, and of the lapses."""
+
+    of_object: float
+    of_pass: float
+    lapse_of_object: float
+    lapse_of_pass: float
+
+
 def fit_shares(
     looks: ScoredLooks, factors: F64, curves: dict[Key, ScoreCurve]
-) -> tuple[dict[Key, tuple[float, float]], float]:
-    """The shares of object and pass in each kind's variance, and the pixels over which the pass's fades."""
+) -> tuple[dict[Key, Shares], float]:
+    """What looks at each kind have in common, and the pixels over which the pass's part of it fades."""
     pairs = {
         (s, c): pairs_of(looks.where(looks.subject == s), factors[looks.subject == s], curve, c)
         for (s, c), curve in curves.items()
     }
     own = _pooled(
-        {k: [p[0].log_likelihood(np.full(len(p[0].first), r)) for r in _SHARES] for k, p in pairs.items()},
-        _USUAL_SHARES[0],
-    )
-    best, best_value = (dict[Key, float](), _FADES_PX[0]), -np.inf
-    for fade in _FADES_PX:
-        tables = {
-            k: [
-                p[1].log_likelihood(
-                    np.minimum(own[k] + min(r, 0.95 - own[k]) * np.exp(-p[1].moved_px / fade), 0.95)
-                )
-                for r in _SHARES
-            ]
+        {
+            k: np.array(
+                [[p[0].log_likelihood(np.array(r), np.array(s)) for s in _LAPSE_SHARES] for r in _SHARES]
+            )
             for k, p in pairs.items()
-        }
-        value = sum(max(table) for table in tables.values())
+        },
+        (_USUAL_SHARES[0], _USUAL_LAPSE_SHARES[0]),
+    )
+    best, best_value = (dict[Key, tuple[float, float]](), _FADES_PX[0]), -np.inf
+    for fade in _FADES_PX:
+        tables = {k: _of_passes(p[1], *own[k], np.exp(-p[1].moved_px / fade)) for k, p in pairs.items()}
+        value = sum(float(table.max()) for table in tables.values())
         if value > best_value:
-            best, best_value = (_pooled(tables, _USUAL_SHARES[1]), fade), value
+            best, best_value = (_pooled(tables, (_USUAL_SHARES[1], _USUAL_LAPSE_SHARES[1])), fade), value
     passes, fade = best
-    return {k: (own[k], min(passes[k], 0.95 - own[k])) for k in curves}, fade
+    return {
+        k: Shares(own[k][0], min(r, 0.95 - own[k][0]), own[k][1], min(s, 1.0 - own[k][1]))
+        for k, (r, s) in passes.items()
+    }, fade
 
 
-def _pooled(tables: dict[Key, list[float]], usual: float) -> dict[Key, float]:
-    """The best share for each kind, drawn towards the mean of all."""
-    centre, found = usual, dict[Key, float]()
-    for _ in range(2):
-        prior = -0.5 * ((_SHARES - centre) / _SHARE_STD) ** 2
-        found = {k: float(_SHARES[np.argmax(_PAIR_WEIGHT * np.array(t) + prior)]) for k, t in tables.items()}
-        if found:
-            centre = float(np.mean(list(found.values())))
-    return found
+def _of_passes(pairs: Pairs, own: float, own_lapse: float, kept: F64) -> F64:
+    """Log-likelihoods of pairs of one pass over shares of the pass, of the score and of lapses.
+
+    Of a pass that fades the lapses in common are right to first order: rare lapses.
+    """
+    return np.array(
+        [
+            [
+                pairs.log_likelihood(
+                    np.minimum(own + min(r, 0.95 - own) * kept, 0.95),
+                    own_lapse + min(s, 1.0 - own_lapse) * kept,
+                )
+                for s in _LAPSE_SHARES
+            ]
+            for r in _SHARES
+        ]
+    )
+
+
+def _pooled(tables: dict[Key, F64], usual: tuple[float, float]) -> dict[Key, tuple[float, float]]:
+    """The best shares of score and lapses for each kind, drawn towards the best for all."""
+    if not tables:
+        return {}
+    centre = _best(np.sum([*tables.values()], axis=0), usual)
+    return {k: _best(table, centre) for k, table in tables.items()}
+
+
+def _best(table: F64, centre: tuple[float, float]) -> tuple[float, float]:
+    """The shares, of those in a table (R, S) of log-likelihoods, that are most likely with their prior."""
+    of_score = ((_SHARES - centre[0]) / _SHARE_STD) ** 2
+    of_lapses = ((_LAPSE_SHARES - centre[1]) / _LAPSE_SHARE_STD) ** 2
+    r, s = np.unravel_index(
+        np.argmax(_PAIR_WEIGHT * table - 0.5 * (of_score[:, None] + of_lapses)), table.shape
+    )
+    return float(_SHARES[r]), float(_LAPSE_SHARES[s])
 
 
 # ---- the rest of the model ---------------------------------------------------------------------------
 
 
-def kind_model(key: Key, curve: ScoreCurve, own_share: float, pass_share: float) -> KindModel:
+def kind_model(key: Key, curve: ScoreCurve, shares: Shares) -> KindModel:
     """One kind as the model's file holds it."""
     kind, pose = SUBJECTS[key[0]]
     shifts = curve.shifts.round(3).tolist()
@@ -363,8 +410,10 @@ def kind_model(key: Key, curve: ScoreCurve, own_share: float, pass_share: float)
         **dict(zip(NAMES, shifts, strict=False)),
         grounds=dict(zip(SURFACES, shifts[len(FACTORS) :], strict=True)),
         lapse=curve.lapse.round(4).tolist(),
-        object_share=round(own_share, 3),
-        pass_share=round(pass_share, 3),
+        object_share=round(shares.of_object, 3),
+        pass_share=round(shares.of_pass, 3),
+        lapse_object_share=round(shares.lapse_of_object, 3),
+        lapse_pass_share=round(shares.lapse_of_pass, 3),
     )
 
 

@@ -57,7 +57,7 @@ _FEW = 0.5  # reports that are added to a count that is too small to fit
 FROM_RENDERS = (
     "poses of a kind: every one has the measured curve",
     "view, front, hidden, cut, edges, blur, contrast and grounds",
-    "object_share and pass_share, and again and same_share of the background",
+    "the shares of object and pass, and again and same_share of the background",
     "look-alikes and other kinds, and reports as another class",
     "errors of boxes",
 )

@@ -58,7 +58,7 @@ def calibrate(
     curves = fit_curves(looks, factors)
     shares, fade_px = fit_shares(looks, factors, curves)
     told = tell(looks, factors, list(curves))
-    kinds = [kind_model(key, curve, *shares[key]) for key, curve in curves.items()]
+    kinds = [kind_model(key, curve, shares[key]) for key, curve in curves.items()]
     name, n = model if model in OWN_DETECTORS.values() else Path(model).name, len(looks.pixels)
     fitted = StatisticalModel(
         version=VERSION,

@@ -64,6 +64,8 @@ VARIANT = np.dtype(
         ("contrast", float),
         ("object_share", float),
         ("pass_share", float),
+        ("lapse_object_share", float),
+        ("lapse_pass_share", float),
         ("unsure", float),  # of the mean score, the same in every look of a target
         ("factors", float, _N_FACTORS),
     ]
@@ -187,7 +189,8 @@ def _variants(
             table = [*(np.array(kind.score) + kind.grounds.get(surface, 0.0)), *kind.spread, *kind.lapse]
             mean, std = model.contrast(kind.kind, kind.pose, surface)
             contrast = float(np.clip((mean - CONTRAST_USUAL) / CONTRAST_UNIT, *CONTRAST_LIMITS))
-            of_kind = contrast, kind.object_share, kind.pass_share, kind.contrast * std / CONTRAST_UNIT
+            shares = kind.object_share, kind.pass_share, kind.lapse_object_share, kind.lapse_pass_share
+            of_kind = contrast, *shares, kind.contrast * std / CONTRAST_UNIT
             shape = SHAPES.get(kind.pose, FLAT), middle_above_ground_m(kind.kind, kind.pose, size_m)
             for side in sides:
                 yield weight, table, (size_m, *shape, side, *of_kind, kind.factors)
@@ -317,6 +320,8 @@ def _look(
                     row[2 * g + node] + w * (row[2 * g + node + 1] - row[2 * g + node]),
                     variant.object_share,
                     variant.pass_share,
+                    variant.lapse_object_share,
+                    variant.lapse_pass_share,
                     variant.unsure,
                     math.nan,
                     threshold,

@@ -2,8 +2,12 @@
 
 A sensor is a few arrays that live as long as it does: the records SENSOR, THING, GHOST and GHOST_CLASS, and a
 table with one or more rows for each THING, one for each class that it can be reported as. A row holds G
-scores, G spreads and G normal quantiles of the lapse over the grid of log pixels, then the numbers of the
-FACTORS, the object's own offset and the weights of the pass and of the rest, in standard deviations.
+scores, G spreads and three times G normal quantiles of lapses (the object's own, of the pass, of the look)
+over the grid of log pixels, then the numbers of the FACTORS, the object's own offset and the weights of the
+pass and of the rest, in standard deviations, and the object's own draw for lapses.
+
+What is common to a pass fades with the motion in the picture: the score's part little by little, the draw
+for lapses by being drawn anew with a chance, so that it stays the same or is another.
 
 A draw is a hash of seed, look and row (SplitMix64: Steele, Lea and Flood, OOPSLA 2014), so that the luck of
 one object never depends on what else is in view, and what is out of view costs nothing.
@@ -37,7 +41,8 @@ Record = Any  # of SENSOR
 
 _N_FACTORS = len(FACTORS)
 NEVER = -2  # a number that no look follows
-WIDTH = _N_FACTORS + 3  # columns of a row after the three tables
+TABLES = 5  # of a row
+WIDTH = _N_FACTORS + 4  # columns of a row after them
 OCTAVES = 10  # of altitude, from 1 m on; ghosts of one are not those of the next
 MIN_DEPTH_M = 0.1
 
@@ -87,7 +92,7 @@ GHOST_CLASS = np.dtype(
 
 _NOT_KNOWN = -1.0
 _ROUNDING_M = 1e-6
-_LAPSE, _PASS, _REST, _CENTRE_U, _CENTRE_V = range(5)  # what is drawn of a row
+_LAPSE, _PASS, _REST, _CENTRE_U, _CENTRE_V, _ANEW, _PASS_LAPSE = range(7)  # what is drawn of a row
 _SHOWS, _SCORE = range(2)  # and of a ghost
 _KINDS_OF_DRAW = 8
 _FIRST_GHOST = 1 << 30
@@ -111,6 +116,13 @@ def standard_normal(seed: int, look: int, row: int, what: int) -> float:
     u = (float(first >> np.uint64(11)) + 0.5) * 2.0**-53
     v = float(second >> np.uint64(11)) * 2.0**-53
     return math.sqrt(-2.0 * math.log(u)) * math.cos(2.0 * math.pi * v)
+
+
+@njit(cache=True)
+def _uniform(seed: int, look: int, row: int, what: int) -> float:
+    """Another, from 0 to 1."""
+    number = np.uint64((look * (2 * _FIRST_GHOST) + row) * _KINDS_OF_DRAW + what)
+    return (float(_hash(_hash(np.uint64(seed)) + number * _GOLDEN) >> np.uint64(11)) + 0.5) * 2.0**-53
 
 
 @njit(cache=True)
@@ -150,7 +162,7 @@ def draw_look(
 ) -> tuple[int, int]:
     """Write what is reported into ``boxes`` (N, 4), ``scores`` (N,) and ``rows`` (N,), with room for all.
 
-    The first are objects, by their rows of the ``table`` (rows, 3 G + WIDTH); then ghosts, by their class.
+    The first are objects, by their rows of the ``table`` (rows, TABLES * G + WIDTH); then ghosts, by class.
     Returns where each part ends.
 
     ``sensor``, ``things``, ``ghosts`` and ``ghost_classes`` are the floats of their records, the ghosts those
@@ -158,7 +170,8 @@ def draw_look(
     ``ghost_...`` are the ``PointTree`` of their places, ``grid_...`` the ``Grid`` of the ``solids``,
     ``heights`` and ``bounds`` the ground's ``relief``. ``tiles`` (T, 4) are parts of the picture.
     ``position``, ``R``, ``velocity`` and ``rates`` are the camera's truth, the last two in its own axes.
-    ``log_pixels`` (G,) is the table's grid, ``pass_state`` (rows,) what looks of one pass have in common.
+    ``log_pixels`` (G,) is the table's grid, ``pass_state`` (rows, 2) what looks of one pass have in common,
+    for the score and for lapses.
     ``over_altitude`` (classes, 3, A): log altitudes, densities and scales of the score. ``room`` is for
     indices of things, ghosts and solids.
     """
@@ -278,7 +291,9 @@ def _draw_thing(
     thing.seen_in = look
     for r in range(thing.rows[0], thing.rows[1]):
         fresh = standard_normal(s.seed, look * len(tiles), r, _PASS)
-        pass_state[r] = kept * pass_state[r] + math.sqrt(1.0 - kept * kept) * fresh
+        pass_state[r, 0] = kept * pass_state[r, 0] + math.sqrt(1.0 - kept * kept) * fresh
+        if _uniform(s.seed, look * len(tiles), r, _ANEW) >= kept:
+            pass_state[r, 1] = standard_normal(s.seed, look * len(tiles), r, _PASS_LAPSE)
     at = math.log(pixels)
     if at < log_pixels[0] + math.log(TOO_SMALL):
         return n
@@ -332,14 +347,16 @@ def _draw_thing(
             company[t] - _is_company(s, tile, thing.size, u, v, depth),
         )
         for r in range(thing.rows[0], thing.rows[1]):
-            mean, spread, lapse = _interpolate(log_pixels, table[r], at)
+            mean, spread, own_lapse, pass_lapse, lapse = _interpolate(log_pixels, table[r], at)
+            own = table[r, TABLES * g :]
+            if own[_N_FACTORS + 3] < own_lapse or pass_state[r, 1] < pass_lapse:
+                continue
             if standard_normal(s.seed, tile_look, r, _LAPSE) < lapse:
                 continue
-            own = table[r, 3 * g :]
             for k in range(_N_FACTORS):
                 mean += own[k] * factors[k]
             rest = own[_N_FACTORS + 2] * standard_normal(s.seed, tile_look, r, _REST)
-            score = mean + spread * (own[_N_FACTORS] + own[_N_FACTORS + 1] * pass_state[r] + rest)
+            score = mean + spread * (own[_N_FACTORS] + own[_N_FACTORS + 1] * pass_state[r, 0] + rest)
             if score < s.threshold:
                 continue
             du = spread_px * standard_normal(s.seed, tile_look, r, _CENTRE_U)
@@ -461,8 +478,8 @@ def _at(x: float, grid: F64, values: F64) -> float:
 
 
 @njit(cache=True)
-def _interpolate(grid: F64, row: F64, at: float) -> tuple[float, float, float]:
-    """The three tables at a log of pixels: linear between the nodes, constant beyond."""
+def _interpolate(grid: F64, row: F64, at: float) -> tuple[float, float, float, float, float]:
+    """The tables at a log of pixels: linear between the nodes, constant beyond."""
     g = len(grid)
     k = 0
     while k < g - 2 and at > grid[k + 1]:
@@ -470,7 +487,9 @@ def _interpolate(grid: F64, row: F64, at: float) -> tuple[float, float, float]:
     w = min(max((at - grid[k]) / (grid[k + 1] - grid[k]), 0.0), 1.0)
     mean = row[k] + w * (row[k + 1] - row[k])
     spread = row[g + k] + w * (row[g + k + 1] - row[g + k])
-    return mean, spread, row[2 * g + k] + w * (row[2 * g + k + 1] - row[2 * g + k])
+    own = row[2 * g + k] + w * (row[2 * g + k + 1] - row[2 * g + k])
+    of_pass = row[3 * g + k] + w * (row[3 * g + k + 1] - row[3 * g + k])
+    return mean, spread, own, of_pass, row[4 * g + k] + w * (row[4 * g + k + 1] - row[4 * g + k])
 
 
 @njit(cache=True)

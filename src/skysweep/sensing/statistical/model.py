@@ -4,7 +4,7 @@ The score of a look at an object is the detector's confidence on the scale -log(
 and spread depend on the pixels on target; the FACTORS and the ground shift the mean. Scores above the
 threshold are reported, so that one score explains detection rate and confidence (a Tobit model: Tobin,
 Econometrica 26, 1958), apart from a share of unexplained lapses (Wichmann and Hill, Perception &
-Psychophysics 63, 2001).
+Psychophysics 63, 2001). Looks at one object have a part of their luck in common, of the score and of lapses.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from collections.abc import Iterable
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -61,7 +62,9 @@ class KindModel(_Part):
     reported_as: str
     score: list[float] = Field(description="Over the grid: mean from straight above, whole and sharp")
     spread: list[float] = Field(description="Over the grid: standard deviation")
-    lapse: list[float] = Field(description="Over the grid: share of looks not reported whatever the score")
+    lapse: list[Annotated[float, Field(ge=0, lt=1)]] = Field(
+        description="Over the grid: share of looks not reported whatever the score"
+    )
     view: float
     front: float
     front_near: float
@@ -75,6 +78,12 @@ class KindModel(_Part):
     grounds: dict[str, float] = Field(description="Added to the mean, by surface; the usual one adds 0")
     object_share: float = Field(ge=0, le=1, description="Of the variance: the object's own, in every look")
     pass_share: float = Field(ge=0, le=1, description="Of the variance: common to looks from nearby places")
+    lapse_object_share: float = Field(
+        0, ge=0, le=1, description="Of the lapses: the object's own, in every look"
+    )
+    lapse_pass_share: float = Field(
+        0, ge=0, le=1, description="Of the lapses: common to looks from nearby places"
+    )
 
     @property
     def factors(self) -> tuple[float, ...]:
@@ -85,7 +94,17 @@ class KindModel(_Part):
     def _shares(self) -> KindModel:
         if self.object_share + self.pass_share > 1:
             raise ValueError("object_share and pass_share are more than 1 together")
+        if self.lapse_object_share + self.lapse_pass_share > 1:
+            raise ValueError("lapse_object_share and lapse_pass_share are more than 1 together")
         return self
+
+    @property
+    def lapses(self) -> tuple[NDArray[np.float64], ...]:
+        """(G,) chances of a lapse that is the object's own; else, of the pass; else, of the look alone."""
+        lapse = np.array(self.lapse)
+        own = self.lapse_object_share * lapse
+        of_pass = self.lapse_pass_share * lapse / (1.0 - own)
+        return own, of_pass, 1.0 - (1.0 - lapse) / ((1.0 - own) * (1.0 - of_pass))
 
 
 class ContrastModel(_Part):

@@ -20,7 +20,16 @@ from skysweep.geometry.camera import CameraPose
 from skysweep.geometry.point_tree import PointTree, refit
 from skysweep.scenarios.model import CameraModel, DetectorModel
 from skysweep.sensing.exposures import Exposures
-from skysweep.sensing.statistical.draws import GHOST_CLASS, NEVER, OCTAVES, SENSOR, THING, WIDTH, draw_look
+from skysweep.sensing.statistical.draws import (
+    GHOST_CLASS,
+    NEVER,
+    OCTAVES,
+    SENSOR,
+    TABLES,
+    THING,
+    WIDTH,
+    draw_look,
+)
 from skysweep.sensing.statistical.factors import CONTRAST_LIMITS, CONTRAST_UNIT, CONTRAST_USUAL
 from skysweep.sensing.statistical.model import (
     BackgroundModel,
@@ -70,7 +79,8 @@ class StatisticalSensor:
         self._look_number = 0
         once = np.random.default_rng([seed, 29])
         occluders = Occluders(world)
-        things, *of_rows = self._tabulate_objects(world, occluders, classes, once)
+        of_lapses = np.random.default_rng([seed, 37])
+        things, *of_rows = self._tabulate_objects(world, occluders, classes, once, of_lapses)
         self._octaves, *of_ghosts = self._tabulate_ghosts(world, classes, once)
         of_looks = np.random.default_rng([seed, 31, unit] if unit else [seed, 31])
         seed_of_looks = of_looks.integers(2**62)
@@ -145,26 +155,34 @@ class StatisticalSensor:
         refit(*self._tree, self._things["place"])
 
     def _tabulate_objects(
-        self, world: World, occluders: Occluders, classes: Sequence[str], once: np.random.Generator
+        self,
+        world: World,
+        occluders: Occluders,
+        classes: Sequence[str],
+        once: np.random.Generator,
+        of_lapses: np.random.Generator,
     ) -> tuple[NDArray[Any], ...]:
         """The records THING, then what ``draw_look`` takes from ``table`` to ``pass_state``."""
         m = self._model
         wanted = [kind for kind in m.kinds if kind.reported_as in classes]
         luck = once.normal(size=(len(world.objects), 1 + len(classes)))
+        lapse_luck = of_lapses.normal(size=(len(world.objects), len(classes)))
         things: list[tuple[Any, ...]] = []
         rows: list[list[float]] = []
-        for thing, (colour, *own) in zip(world.objects, luck, strict=True):
+        for thing, (colour, *own), own_lapse in zip(world.objects, luck, lapse_luck, strict=True):
             kinds = _kinds_of(thing, wanted)
             if not kinds:
                 continue
             surface, first_row = world.terrain.surface_at(*thing.position_enu_m[:2].tolist()), len(rows)
             for kind in kinds:
-                offset = own[list(classes).index(kind.reported_as)] * np.sqrt(kind.object_share)
+                reported_as = list(classes).index(kind.reported_as)
+                offset = own[reported_as] * np.sqrt(kind.object_share)
                 rest = max(1.0 - kind.object_share - kind.pass_share, 0.0)
                 shares = np.sqrt([kind.pass_share, rest])
-                lapse = ndtri(np.clip(kind.lapse, 1e-9, 1.0))
+                lapses = ndtri(np.clip(kind.lapses, 1e-9, 1.0)).ravel()
                 score = np.array(kind.score) + kind.grounds.get(surface, 0.0)
-                rows.append([*score, *kind.spread, *lapse, *kind.factors, offset, *shares])
+                luck_of_row = offset, *shares, own_lapse[reported_as]
+                rows.append([*score, *kind.spread, *lapses, *kind.factors, *luck_of_row])
                 self._row_names.append(kind.reported_as)
             looks_so = (
                 shape_of(thing),
@@ -177,9 +195,9 @@ class StatisticalSensor:
             things.append((middle_enu_m(thing), thing.size_m, *looks_so, _facing(thing), its_rows, *unseen))
         return (
             np.array(things, dtype=THING),
-            np.array(rows, dtype=float).reshape(-1, 3 * len(m.pixels) + WIDTH),
+            np.array(rows, dtype=float).reshape(-1, TABLES * len(m.pixels) + WIDTH),
             np.log(m.pixels),
-            np.zeros(len(rows)),
+            np.zeros((len(rows), 2)),
         )
 
     def _contrast(self, thing: WorldObject, surface: str, draw: float) -> float:

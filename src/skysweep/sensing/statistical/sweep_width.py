@@ -60,13 +60,14 @@ def lateral_range(scenario: Scenario, kind: KindModel, size_m: float, height_m: 
     """Chance (N,) that a straight pass at distances (N,) reports a target of this kind at least once.
 
     By Monte Carlo: of each pass's luck one part is the target's own, one fades from look to look, one is new.
+    So do lapses.
     """
     search, camera, model = scenario.search, scenario.camera, model_for(scenario)
     lens, view = camera.lens, model.view_of(camera, scenario.detector)
     step_m = search.scan_speed_mps / min(scenario.detector.rate_hz, camera.rate_hz)
     along_m = lens.footprint_m(height_m)[1]
     looks = int(np.ceil(along_m / step_m))
-    rng = np.random.default_rng(0)
+    rng, of_lapses = np.random.default_rng(0), np.random.default_rng(1)
     beside = aside_m**2
     first_m = step_m * rng.random(_PASSES) - along_m / 2.0
     own, fading = rng.normal(size=(2, _PASSES, len(aside_m)))
@@ -76,6 +77,7 @@ def lateral_range(scenario: Scenario, kind: KindModel, size_m: float, height_m: 
     away_m = np.linspace(0.0, math.hypot(*lens.footprint_m(height_m)), _DISTANCES)
     shape = SHAPES.get(kind.pose, FLAT)
     pixels_at = [pixels_on_target(view.focal_px, shape, size_m, x, 0.0, -height_m, height_m) for x in away_m]
+    own_draw, pass_draw = of_lapses.random((2, *own.shape))
     reported = np.zeros(own.shape, dtype=np.bool_)
     for look in range(looks):
         along = (first_m + look * step_m)[:, None]
@@ -88,8 +90,12 @@ def lateral_range(scenario: Scenario, kind: KindModel, size_m: float, height_m: 
         luck = math.sqrt(kind.object_share) * own + math.sqrt(kind.pass_share) * fading
         luck += rest * rng.normal(size=own.shape)
         seen = mean + np.interp(np.log(pixels), grid, kind.spread) * luck >= threshold
-        lapsed = rng.random(own.shape) < np.interp(np.log(pixels), grid, kind.lapse)
+        lapsed = np.zeros(own.shape, dtype=np.bool_)
+        for draw, lapse in zip((own_draw, pass_draw, rng.random(own.shape)), kind.lapses, strict=True):
+            lapsed |= draw < np.interp(np.log(pixels), grid, lapse)
         large = pixels >= TOO_SMALL * model.pixels[0]
         reported |= large & seen & ~lapsed & (along <= along_m / 2.0)
         fading = kept * fading + math.sqrt(1.0 - kept**2) * rng.normal(size=own.shape)
+        stays, anew = of_lapses.random((2, *own.shape))
+        pass_draw = np.where(stays < kept, pass_draw, anew)
     return np.asarray(reported.mean(axis=0))

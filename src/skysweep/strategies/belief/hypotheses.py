@@ -4,6 +4,10 @@ A hypothesis is a kind of object in a pose and of a size, or nothing at all (a g
 model (``sensing/statistical/model.py``) gives the score of its looks a mean and a spread over the pixels on
 target. Each hypothesis keeps a belief of its luck (``sensing/statistical/luck.py``), whose likelihood is its
 weight.
+
+Lapses are taken as each look's own, though the model knows what looks have of them in common. With that, ten
+hits tell a look-alike from a target hardly better than one, and which look-alikes there are is a guess: ten
+missions with a thermal camera's pictures found 65 % of the persons so, and all of them as it is.
 """
 
 from __future__ import annotations
@@ -37,6 +41,7 @@ _ANIMALS = {"sheep", "deer", "dog"}  # a mission is not told whether there are a
 _LAND_KINDS = {"stump", "red bucket", "red round sign", "stop sign"}
 _SURPRISE_MAX = 9.0
 _REPORTED_LEAST = 1e-3  # probability that a passing reports it
+_SIZE, _SHAPE, _HEIGHT, _VIEW, _COMPANY, _UNSURE, _OBJECT_SHARE, _PASS_SHARE = range(8)  # of a hypothesis
 
 
 class Hypotheses:
@@ -61,11 +66,11 @@ class Hypotheses:
             height = 0.5 * size if shape == STANDING else 0.0
             unsure = math.hypot(kind.contrast * own, parameters.model_std if is_target else 0.0)
             shares = kind.object_share, kind.pass_share
-            numbers.append([size, shape, height, kind.view, kind.front, *shares, unsure, kind.company])
+            numbers.append([size, shape, height, kind.view, kind.company, unsure, *shares])
         self._tables = np.array(tables)
         self._numbers = np.array(numbers)
         spreads = self._tables[:, len(model.pixels) : 2 * len(model.pixels)].mean(axis=1)
-        own_var = self._numbers[:, 5] * spreads**2 + self._numbers[:, 7] ** 2
+        own_var = self._numbers[:, _OBJECT_SHARE] * spreads**2 + self._numbers[:, _UNSURE] ** 2
         self._own_std = np.append(np.sqrt(own_var), 1.0)
         self._ghost = _Ghost(model, class_name)
         self._lapse_floor = parameters.lapse + (parameters.lapse_in_woods if context.is_wooded else 0.0)
@@ -96,7 +101,7 @@ class Hypotheses:
         return reported
 
     def fresh(self) -> F64:
-        """The belief of a candidate that nobody has looked at: (H + 1, 7)."""
+        """The belief of a candidate that nobody has looked at: (H + 1, N_STATES)."""
         belief = unseen((len(self._log_prior),))
         belief[:, WEIGHT] = self._log_prior
         return belief
@@ -201,12 +206,12 @@ class _Ghost:
         self._model: BackgroundModel | None = found[0] if found else None
 
     def at(self, altitude_agl_m: float) -> F64:
-        """(5,): mean and spread of the score, chance of no report, share that is its own, 0."""
+        """(4,): mean and spread of the score, chance of no report, share that is its own."""
         if self._model is None:
-            return np.array([self._floor + 0.3, 0.5, 0.5, 0.3, 0.0])
+            return np.array([self._floor + 0.3, 0.5, 0.5, 0.3])
         m = self._model
         scale = float(np.interp(math.log(altitude_agl_m), np.log(m.altitude_agl_m), m.score_scale))
-        return np.array([self._floor + scale, max(scale, 0.1), 1.0 - m.again, m.same_share, 0.0])
+        return np.array([self._floor + scale, max(scale, 0.1), 1.0 - m.again, m.same_share])
 
 
 def _rows(
@@ -280,9 +285,9 @@ def _expect(
 ) -> None:
     """Write pixels, mean and spread of the score, and chance of a lapse."""
     g = len(log_pixels)
-    dx, dy, dz = place[0] - eye[0], place[1] - eye[1], place[2] + numbers[2] - eye[2]
+    dx, dy, dz = place[0] - eye[0], place[1] - eye[1], place[2] + numbers[_HEIGHT] - eye[2]
     depth = max(R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz, 0.3)
-    pixels = pixels_on_target(focal, int(numbers[1]), numbers[0], dx, dy, dz, depth)
+    pixels = pixels_on_target(focal, int(numbers[_SHAPE]), numbers[_SIZE], dx, dy, dz, depth)
     at = min(max(math.log(pixels), log_pixels[0]), log_pixels[g - 1])
     k = 0
     while k < g - 2 and at >= log_pixels[k + 1]:
@@ -291,7 +296,7 @@ def _expect(
     across = dx * dx + dy * dy
     view = min(across / max(across + dz * dz, 1e-9), VIEW_MAX)
     out[0] = pixels
-    out[1] = (1.0 - w) * table[k] + w * table[k + 1] + numbers[3] * view
+    out[1] = (1.0 - w) * table[k] + w * table[k + 1] + numbers[_VIEW] * view
     out[2] = (1.0 - w) * table[g + k] + w * table[g + k + 1]
     out[3] = (1.0 - w) * table[2 * g + k] + w * table[2 * g + k + 1]
 
@@ -316,9 +321,9 @@ def _confusion(
     for i in range(n):
         _expect(expected, tables[i], numbers[i], log_pixels, eye, R, place, focal)
         spread = expected[2]
-        own = math.sqrt(numbers[i, 5] * spread * spread + numbers[i, 7] ** 2)
+        own = math.sqrt(numbers[i, _OBJECT_SHARE] * spread * spread + numbers[i, _UNSURE] ** 2)
         means[i] = max(expected[1] + own * belief[i, OWN], threshold - 0.5)
-        variances[i] = own * own * belief[i, OWN_VAR] + numbers[i, 6] * spread * spread + 0.01
+        variances[i] = own * own * belief[i, OWN_VAR] + numbers[i, _PASS_SHARE] * spread * spread + 0.01
     means[n], variances[n] = threshold - 0.5, 0.1
     left, total = 0.0, 1e-300
     for i in range(n):
@@ -363,9 +368,10 @@ def _look(
         seen[:] = b
         if i < n:
             _expect(expected, tables[i], numbers[i], log_pixels, eye, R, place, focal)
-            pixels, mean, spread = expected[0], expected[1] + numbers[i, 8] * company, expected[2]
+            pixels, mean, spread = expected[0], expected[1] + numbers[i, _COMPANY] * company, expected[2]
             lapse = max(expected[3], lapse_floor)
-            object_share, pass_share, unsure = numbers[i, 5], numbers[i, 6], numbers[i, 7]
+            object_share, pass_share = numbers[i, _OBJECT_SHARE], numbers[i, _PASS_SHARE]
+            unsure = numbers[i, _UNSURE]
             if is_target[i]:
                 spread *= widened
         else:
@@ -381,6 +387,8 @@ def _look(
             lapse,
             object_share,
             pass_share,
+            0.0,
+            0.0,
             unsure,
             score,
             threshold,
