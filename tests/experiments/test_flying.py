@@ -100,6 +100,16 @@ def test_what_was_flown_with_other_parameters_or_more_seeds_is_kept(whole, tmp_p
     assert flown.items() >= whole[1].items()
 
 
+def test_missions_of_an_older_skysweep_that_counted_less_are_kept_as_they_are(whole, tmp_path):
+    older = pl.read_parquet(whole[0] / "missions.parquet").drop("sorties", "n_unchecked")
+    older.write_parquet(tmp_path / "missions.parquet")
+    shutil.copy(whole[0] / "timings.parquet", tmp_path)
+    flown = fly_missing([matrix(4)], fly, tmp_path, 1)
+    counted = {summary["seed"]: summary["sorties"] for summary in flown.values()}
+    assert counted == {0: None, 1: None, 2: None, 3: 1}
+    assert MissionStore(Folder(tmp_path)).summaries() == flown
+
+
 def test_a_mission_that_fails_ends_it_with_its_sentence(tmp_path):
     with pytest.raises(UserError, match=r"gone\.onnx: there is no such model file"):
         fly_missing([matrix(1, detector={"model": "gone.onnx"})], fly, tmp_path, 1)

@@ -71,11 +71,11 @@ def row_of(label: str, config_hash: str, summary: Summary | None, error: str | N
 
 
 def summary_of(row: Row) -> Summary:
-    """The summary behind a row of a comparison."""
+    """The summary behind a row of a comparison. What an older skysweep did not count is None."""
     curve = [list(point) for point in zip(row["pos_time_s"], row["pos_value"], strict=True)]
     limits = {key: finite_or_inf(row[key]) for key in ("n_c", "d_c_m")}
     told = {**row, **limits, "pos_curve": curve or None}
-    return cast("Summary", {key: told[key] for key in Summary.__annotations__})
+    return cast("Summary", {key: told.get(key) for key in Summary.__annotations__})
 
 
 def numbered(outcomes: pl.DataFrame) -> pl.DataFrame:
@@ -184,7 +184,8 @@ class MissionStore:
         if self.has_table():
             timings = self._read(TIMINGS_FILE)
             frames.append(self.table().join(timings, on="job", how="left").drop("job"))
-        frames = [frame.select(columns or frame.columns) for frame in frames]
+        if columns is not None:  # an older skysweep counted less
+            frames = [frame.select(name for name in columns if name in frame.columns) for frame in frames]
         empty = pl.DataFrame(schema={name: _SCHEMA[name] for name in columns or _SCHEMA})
         found = pl.concat([empty, *frames], how="diagonal_relaxed")
         failed_last = found.sort(pl.col("error").is_not_null(), maintain_order=True)

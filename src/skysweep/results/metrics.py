@@ -129,6 +129,7 @@ def compute_summary(
         "n_scanned": len({r["candidate"] for r in run.events(EventKind.SCANNED)}),
         "n_checks": len(run.events(EventKind.CHECK_STARTED)),
         "n_checked": sum(c.verdict is not None for c in run.candidates),
+        "n_unchecked": len(run.unchecked),
         "false_scans": len(matches.false_scans),
         "false_positives": len(matches.false_positives),
         "duplicates": len(matches.duplicates),
@@ -139,6 +140,7 @@ def compute_summary(
         "energy_wh": _last(run.states.energy_wh[searching]),
         "total_energy_wh": _last(run.states.energy_wh),
         "battery_remaining": _last(run.states.battery),
+        "sorties": run.n_sorties,
         "collisions": clearance["collisions"],
         "min_clearance_m": clearance["min_clearance_m"],
         "area_m2": round(run.scenario.area_enu_m.area, 1),
@@ -154,14 +156,12 @@ def compute_summary(
 
 
 def whole_summary(run: Run, wall_time_s: float | None = None) -> RunSummary:
-    """The summary of a run folder: also whether the mission ended, and what it left to people."""
+    """The summary of a run folder: also whether the mission ended, and what an operator decided."""
     numbers = compute_summary(run, scan_only_time_s=_scan_only_time_s(run), wall_time_s=wall_time_s)
     n_by_operator = sum(c.by_operator for c in run.candidates)
     return {
         **numbers,
         "ended": run.ended,
-        "sorties": run.n_sorties,
-        "n_unchecked": len(run.unchecked),
         "n_by_operator": n_by_operator,
     }
 

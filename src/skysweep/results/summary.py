@@ -32,6 +32,7 @@ class Summary(TypedDict):
     n_scanned: int
     n_checks: int
     n_checked: int
+    n_unchecked: int
     false_scans: int | None
     false_positives: int | None
     duplicates: int | None
@@ -42,6 +43,7 @@ class Summary(TypedDict):
     energy_wh: float | None
     total_energy_wh: float | None
     battery_remaining: float | None
+    sorties: int  # flights, each with a battery
     area_m2: float
     area_covered: float
     area_covered_m2: float
@@ -55,8 +57,6 @@ class RunSummary(Summary):
     """The content of ``summary.json`` without its checksums. The mission may still fly."""
 
     ended: bool
-    sorties: int  # flights, each with a battery
-    n_unchecked: int
     n_by_operator: int  # verdicts
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,13 +22,14 @@ def go_where_it_pays(paths: Paths, worth_per_m: float) -> None:
     """Lead paths to parts of the map where what is left to find is worth search and way."""
     worth, parts = _parts(paths, worth_per_m)
     least = 2.0 * worth_per_m * paths.lattice.pitch_m
-    departures = [_Departures.of(paths, path) for path in range(len(paths.starts_xy_m))]
-    for part in np.argsort(-worth, kind="stable")[:_PARTS]:
-        if worth[part] > least:
-            cells = np.argwhere(parts == part + 1)
-            led = _go_to(paths, departures, cells, float(worth[part]), worth_per_m)
-            if led is not None:
-                departures[led] = _Departures.of(paths, led)
+    best = np.argsort(-worth, kind="stable")[:_PARTS]
+    best = best[worth[best] > least]
+    departures = [_Departures.of(paths, path) for path in range(len(paths.starts_xy_m)) if len(best)]
+    for part in best:
+        cells = np.argwhere(parts == part + 1)
+        led = _go_to(paths, departures, cells, float(worth[part]), worth_per_m)
+        if led is not None:
+            departures[led] = _Departures.of(paths, led)
 
 
 def _parts(paths: Paths, worth_per_m: float) -> tuple[F64, NDArray[np.int32]]:
@@ -76,6 +77,13 @@ class _Departures:
         between = places[leg] + share[:, None] * (ends - places)[leg]
         return cls(visits[leg], leg == len(visits) - 1, places[leg], ends[leg], legs[leg], between)
 
+    def near(self, places_xy_m: F64, cost_m: float) -> _Departures:
+        """Those from where a way to one of the places (M, 2) may cost so little; some others as well."""
+        beside = np.maximum(places_xy_m.min(axis=0) - self.xy_m, self.xy_m - places_xy_m.max(axis=0))
+        farthest_m = np.where(self.final, cost_m, cost_m / 2.0 + self.legs_m)
+        may = np.linalg.norm(np.maximum(beside, 0.0), axis=1) <= farthest_m
+        return _Departures(*(getattr(self, field.name)[may] for field in fields(self)))
+
 
 def _go_to(
     paths: Paths, departures: list[_Departures], cells: I64, worth: float, worth_per_m: float
@@ -85,7 +93,11 @@ def _go_to(
     centres = paths.lattice.xy_m(cells)
     tree = cKDTree(centres)
     best: tuple[float, int, int, I64] | None = None
-    for path, ways in enumerate(departures):
+    for path, all_ways in enumerate(departures):
+        most_m = min(paths.left_m[path] - pitch_m, worth / worth_per_m if best is None else best[0])
+        ways = all_ways.near(centres, most_m)
+        if not len(ways.visits):
+            continue
         near = tree.query(ways.xy_m)[1]
         there = centres[near]
         way = np.linalg.norm(there - ways.from_xy_m, axis=1)
