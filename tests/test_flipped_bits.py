@@ -207,7 +207,8 @@ def told_of_sweep(folder: Path) -> Any:
 def told_of_comparison(folder: Path) -> Any:
     """What ``report`` makes its statistics from, and what ``compare`` and ``tune`` go on from."""
     summaries = compare(folder)
-    drawn = [told_of_run(run.folder) for run in drawn_runs(folder / "runs", compare_rows(summaries))]
+    runs = sorted((folder / "runs").iterdir())
+    drawn = [told_of_run(run.folder) for run in drawn_runs(runs, compare_rows(summaries))]
     return str(load_missions(str(folder)).table.to_dicts()), summaries, drawn
 
 

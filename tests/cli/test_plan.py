@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 from typer.testing import CliRunner
@@ -62,6 +63,33 @@ def test_advice_compares_each_flight_once_and_says_why_some_cannot_be(tmp_path):
     assert "best: " in shown
 
 
+def test_the_command_that_is_advised_plans_what_was_advised(tmp_path):
+    advice = ["clusters", "--advise", "--hfov", "0.8", "--heading", "37"]
+    done = plan(*advice)
+    advised = re.search(r"plan it: skysweep plan (.*)", done.stdout).group(1).split()
+    assert advised[:5] == ["clusters", "--heading", "37", "--hfov", "0.8"]
+    planned = json.loads(plan(*advised, "--out", str(tmp_path), "--json").stdout)
+    best = json.loads(plan("clusters", "--advise", "--hfov", "0.8", "--heading", "37", "--json").stdout)[
+        "best"
+    ]
+    assert planned["path_length_m"] == best["path_length_m"]
+    assert planned["pixels_on_target"] == best["pixels_on_target"]
+
+
+def test_the_warnings_of_the_best_flight_are_told(tmp_path):
+    words = (
+        "name: mine\narea: {polygon_enu_m: [[0, 0], [290, 0], [290, 280], [0, 280]]}\n"
+        "safety: {no_fly_enu_m: [[[100, -50], [200, -50], [200, 400], [100, 400]]]}\n"
+        "wind: {mean_speed_mps: 10}\n"
+    )
+    (tmp_path / "mine.yaml").write_text(words)
+    done = plan(str(tmp_path / "mine.yaml"), "--advise")
+    assert "warning: safety.no_fly_enu_m: the path leads" in done.stderr
+    assert (
+        "warning: wind.mean_speed_mps: is 10, above safety.wind_max_mps (9): nothing takes off" in done.stderr
+    )
+
+
 def test_the_gaps_of_a_run_are_a_scenario_that_flies(tmp_path, run_folder):
     done = plan("--gaps", str(run_folder), "--pod", "0.9", "--out", str(tmp_path / "again"), "--json")
     assert done.exit_code == 0
@@ -84,6 +112,10 @@ def test_the_gaps_of_a_run_are_a_scenario_that_flies(tmp_path, run_folder):
         (["clusters", "--pod", "0.5"], "--pod: belongs to --advise and --gaps"),
         (["clusters", "--advise", "--pod", "1.5"], "--pod: 1.5 is no probability"),
         (["clusters", "--gaps", "somewhere"], "--gaps: flies a run's own scenario"),
+        (["--gaps", "somewhere", "--at", "noon"], "--gaps: flies a run's own scenario"),
+        (["--gaps", "somewhere", "--uavs", "3"], "--gaps: flies a run's own scenario"),
+        (["clusters", "--prior", "map.csv", "--advise"], "--advise, --at: are of transects"),
+        (["clusters", "--prior", "map.csv", "--at", "noon"], "--advise, --at: are of transects"),
         (["--gaps", "nowhere"], "nowhere: has no config.yaml"),
         (["clusters", "--at", "noon"], "--at: 'noon' is no date and time"),
         (["--advise"], "SOURCE: is missing"),

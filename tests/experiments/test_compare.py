@@ -14,9 +14,10 @@ import pytest
 from skysweep.errors import UserError
 from skysweep.experiments.paper.report import drawn_runs, write_compare_report
 from skysweep.experiments.paper.run import fly_paper_job, folder_of, paper_matrices
-from skysweep.experiments.paper.tables import PAPER, compare_rows
+from skysweep.experiments.paper.tables import PAPER, compare_rows, markdown_tables, paired_differences
 from skysweep.experiments.store import MissionStore
 from skysweep.files.folder import Folder
+from skysweep.results.run_folder import load_run
 
 COMMAND = [
     sys.executable,
@@ -79,7 +80,7 @@ def test_eight_rows_scan_only_three_tables_and_a_report(whole):
             < min(r["mission_time_mean_s"] for r in table if r["scenario"] == scenario)
         )
         assert 0.0 < row["recall_mean"] <= 1.0
-        assert (out / "runs" / f"{scenario}-scan-only-seed0" / "map.png").exists()
+        assert len(list(out.glob(f"runs/{scenario}-scan-only-seed0-*/map.png"))) == 1
     assert stdout.count("scan-only") >= 3
     assert (out / "report.html").stat().st_size > 10_000
     assert (out / "trajectories.png").exists()
@@ -117,8 +118,8 @@ def jobs_of(seeds, changes=None):
     return [job for matrix in paper_matrices(seeds, "statistical", changes) for job in matrix.jobs()]
 
 
-def scan_only_in_sparse():
-    return [job for job in jobs_of(1) if job.scenario.search.strategy == "scan-only"][-1]
+def scan_only_in_sparse(changes=None):
+    return [job for job in jobs_of(1, changes) if job.scenario.search.strategy == "scan-only"][-1]
 
 
 def test_belief_is_left_out_where_the_detector_has_no_sensor_model(tmp_path):
@@ -130,8 +131,10 @@ def test_belief_is_left_out_where_the_detector_has_no_sensor_model(tmp_path):
 
 def test_missions_with_pictures_stand_in_the_report_beside_the_mean_of_their_row(whole, tmp_path):
     shutil.copytree(whole[0], tmp_path / "out")
-    shutil.copytree(whole[0] / "runs" / "sparse-ncinf-seed0", tmp_path / "out" / "pictures" / "sparse")
-    write_compare_report(tmp_path / "out", [*MissionStore(Folder(tmp_path / "out")).summaries().values()])
+    (flown,) = whole[0].glob("runs/sparse-ncinf-seed0-*")
+    shutil.copytree(flown, tmp_path / "out" / "pictures" / "sparse")
+    summaries = [*MissionStore(Folder(tmp_path / "out")).summaries().values()]
+    write_compare_report(tmp_path / "out", summaries, [flown])
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Missions with pictures" in page
     assert "pictures/sparse/report.html" in page
@@ -172,12 +175,34 @@ def test_on_a_full_disk_nothing_is_left_of_a_mission(tmp_path):
 
 
 def test_what_a_kill_leaves_of_a_mission_is_not_drawn(tmp_path):
-    summary = fly_paper_job(scan_only_in_sparse(), tmp_path)
-    killed = tmp_path / "runs" / "sparse-scan-only-seed0-x.part"
-    shutil.copytree(tmp_path / "runs" / "sparse-scan-only-seed0", killed)
-    (killed / "journal.jsonl").write_bytes(b"")
-    drawn = drawn_runs(tmp_path / "runs", compare_rows([summary]))
-    assert [run.folder.name for run in drawn] == ["sparse-scan-only-seed0"]
+    summary = fly_paper_job(job := scan_only_in_sparse(), tmp_path)
+    flown = folder_of(job, tmp_path)
+    drawn = drawn_runs([tmp_path / "runs" / "removed", flown], compare_rows([summary]))
+    assert [run.folder for run in drawn] == [flown]
+
+
+def test_missions_with_other_settings_take_no_run_folder_from_each_other(tmp_path):
+    jobs = [scan_only_in_sparse(), scan_only_in_sparse({"vehicle.battery_wh": 12})]
+    for job in jobs:
+        fly_paper_job(job, tmp_path)
+    for job in jobs:
+        assert load_run(folder_of(job, tmp_path)).scenario == job.scenario
+
+
+def test_a_search_that_was_cut_is_no_fast_one(whole):
+    summaries = [*MissionStore(Folder(whole[0])).summaries().values()]
+    best = [s for s in summaries if (s["scenario"], s["n_c"]) == ("abundance", 1)]
+    cut = [s if s not in best else {**s, "completed": False, "mission_time_s": 100.0} for s in summaries]
+    assert any(d.scenario == "abundance" for d in paired_differences(summaries))
+    assert not any(d.scenario == "abundance" for d in paired_differences(cut))
+    row = next(r for r in compare_rows(cut) if (r.scenario, r.n_c) == ("abundance", 1))
+    assert row.n_unfinished == len(best)
+    assert f"{len(best)} ({len(best)} cut)" in markdown_tables(compare_rows(cut), cut)
+
+
+def test_renamed_scenarios_are_refused():
+    with pytest.raises(UserError, match=r"--set name: the tables tell their rows apart"):
+        jobs_of(1, {"name": "mine"})
 
 
 def _alive_after(processes, seconds):

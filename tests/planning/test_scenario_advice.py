@@ -113,7 +113,14 @@ CASES = {
         "search.scan_speed_mps: 5 m/s against a wind of 6 m/s is more than the vehicle sustains "
         "(safety.air_speed_max_mps: 9.8), and it is blown off its transects; write 3.8 or less",
     ),
-    "storm": ({"wind": "{mean_speed_mps: 12}"}, "wind.mean_speed_mps: with gusts it blows at 13 m/s"),
+    "gusts": (
+        {"wind": "{mean_speed_mps: 8, gust_std_mps: 2}"},
+        "wind.mean_speed_mps: with gusts it blows at 12 m/s",
+    ),
+    "storm": (
+        {"wind": "{mean_speed_mps: 12}"},
+        "wind.mean_speed_mps: is 12, above safety.wind_max_mps (9): nothing takes off",
+    ),
 }
 
 

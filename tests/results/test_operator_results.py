@@ -53,6 +53,25 @@ def test_the_operators_newest_verdict_counts(run):
     }
 
 
+def candidate_1(folder, records):
+    return next(c for c in load_run(write_run(folder, records)).candidates if c.id == 1)
+
+
+def test_who_agrees_moves_no_verdict(tmp_path):
+    """Confirmed at 16 s: as of then, also where the operator says so again, with another place."""
+    agreed = [order(55, "confirm", 1), event(55, "confirmed", 1, [9, 9, 0]) | OPERATOR]
+    records = sorted([*tiny_records(), *agreed], key=lambda record: record["t"])
+    one = candidate_1(tmp_path / "agreed", records)
+    before = candidate_1(tmp_path / "before", tiny_records())
+    assert (one.verdict, one.verdict_s, one.by_operator) == ("confirmed", 16, True)
+    assert one.position_enu_m.tolist() == before.position_enu_m.tolist()
+    back = [order(56, "reject", 1), event(56, "rejected", 1, [9, 9, 0]) | OPERATOR]
+    again = [order(57, "confirm", 1), event(57, "confirmed", 1, [9, 9, 0]) | OPERATOR]
+    records = sorted([*records, *back, *again], key=lambda record: record["t"])
+    one = candidate_1(tmp_path / "again", records)
+    assert (one.verdict, one.verdict_s) == ("confirmed", 57)
+
+
 def test_the_teams_figures_hold_them(run, tmp_path):
     before = compute_summary(load_run(write_run(tmp_path / "before", tiny_records())))
     after = whole_summary(run)

@@ -109,6 +109,25 @@ def test_report_of_a_mission_broken_off_says_so(tmp_path):
     assert (summary["ended"], summary["completed"], summary["n_unchecked"]) == (False, False, 1)
 
 
+def test_a_search_that_was_finished_is_not_called_broken_off(tmp_path):
+    records = [r for r in tiny_records() if r["kind"] not in ("landed", "end")]
+    text = report_of(tmp_path / "run", records)
+    assert (
+        "The search of 800 m² was finished 1 min 0 s after take-off, and the journal ends on the way" in text
+    )
+    assert "broken off, or is still going on" not in text
+
+
+def test_candidates_left_for_other_reasons_are_told_apart(tmp_path):
+    left = [
+        event(59, "unchecked", 8, [35, 11, 0]) | {"reason": "nobody knows"},
+        event(59, "unchecked", 9, [30, 11, 0]) | {"reason": "it is dark"},
+    ]
+    text = report_of(tmp_path / "run", [*tiny_records(), *left])
+    assert "1 candidate left unchecked (unchecked stop sign 1): Nobody knows." in text
+    assert "1 candidate left unchecked (unchecked stop sign 2): It is dark." in text
+
+
 def report_of(folder, records):
     write_results(load_run(write_run(folder, sorted(records, key=lambda r: r["t"]))), folder)
     return read_page(folder / "report.html").text
@@ -298,9 +317,13 @@ def comparison(tmp_path):
     return tmp_path, summaries
 
 
+def runs_in(folder):
+    return sorted(folder.glob("runs/*"))
+
+
 def test_comparison_writes_tables_and_figures(comparison):
     folder, summaries = comparison
-    rows = write_compare_report(folder, summaries)
+    rows = write_compare_report(folder, summaries, runs_in(folder))
     assert [(r.scenario, r.n_c, r.n_seeds) for r in rows] == [("sparse", 1, 2), ("sparse", "inf", 2)]
     written = json.loads((folder / "compare.json").read_text())
     assert [row["mission_time_mean_s"] for row in written] == [79.5, 59.5]
@@ -326,7 +349,7 @@ def test_comparison_shows_scan_only_beside_the_rows(comparison):
         records[0] |= {"seed": seed, "strategy": "scan-only"}
         run = write_run(folder / f"runs/sparse-scan-only-seed{seed}", records, name="sparse")
         summaries.append(compute_summary(load_run(run)))
-    rows = write_compare_report(folder, summaries)
+    rows = write_compare_report(folder, summaries, runs_in(folder))
     assert [(r.n_c, r.n_seeds) for r in rows] == [(1, 2), ("inf", 2), ("scan-only", 2)]
     assert [r["n_c"] for r in json.loads((folder / "compare.json").read_text())] == [1, "inf"]
     (baseline,) = json.loads((folder / "baselines.json").read_text())
@@ -341,14 +364,15 @@ def test_comparison_shows_scan_only_beside_the_rows(comparison):
 
 def test_comparison_tells_of_searches_that_were_not_finished(comparison):
     folder, summaries = comparison
-    write_compare_report(folder, [summaries[0] | {"completed": False}, *summaries[1:]])
+    cut = [summaries[0] | {"completed": False}, *summaries[1:]]
+    write_compare_report(folder, cut, runs_in(folder))
     assert "1 of them ended before the search was finished" in read_page(folder / "report.html").text
 
 
 def test_comparison_without_run_folders_has_no_trajectories(comparison, tmp_path_factory):
     _, summaries = comparison
     folder = tmp_path_factory.mktemp("bare")
-    write_compare_report(folder, summaries)
+    write_compare_report(folder, summaries, [])
     page = read_page(folder / "report.html")
     assert "Trajectories" not in page.text
     assert "Table 3" in page.text
@@ -358,5 +382,5 @@ def test_parameters_that_differ_between_rows_are_told(comparison):
     folder, summaries = comparison
     config = folder / "runs/sparse-nc1-seed0/config.yaml"
     config.write_text(config.read_text().replace("mean_speed_mps: 2.0", "mean_speed_mps: 9.0"))
-    write_compare_report(folder, summaries)
+    write_compare_report(folder, summaries, runs_in(folder))
     assert "NOT the same in all rows" in read_page(folder / "report.html").text

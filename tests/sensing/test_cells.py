@@ -99,7 +99,7 @@ def test_a_straight_pass_agrees_with_drawn_ones(name, pose, size_m, height_m, la
     model = MODEL.model_copy(update={"kinds": [kind]})
     width_m, along_m = CAMERA.lens.footprint_m(height_m)
     aside_m = width_m / 2 * np.array([0.1, 0.4, 0.7])
-    drawn = lateral_range(calm, kind, size_m, height_m, aside_m)
+    drawn = lateral_range(calm, kind, size_m, height_m, aside_m, {"unknown": 1.0})
     step_m = calm.search.scan_speed_mps / calm.detector.rate_hz
     R = rotation_camera_to_enu(math.pi / 2, -math.pi / 2)
     motion = CameraMotion(R.T @ np.array([0.0, calm.search.scan_speed_mps, 0.0]), np.zeros(3))

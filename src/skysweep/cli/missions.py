@@ -372,8 +372,8 @@ def compare_paper_command(
 
     changes = changes_of(change)
     with bar() as progress:
-        missions = sum(len(list(matrix.jobs())) for matrix in paper_matrices(seeds, sensor, changes))
-        task = progress.add_task("missions", total=missions)
+        jobs = [job for matrix in paper_matrices(seeds, sensor, changes) for job in matrix.jobs()]
+        task = progress.add_task("missions", total=len(jobs))
 
         def on_done(job: MissionJob, summary: Summary) -> None:
             progress.advance(task)
@@ -385,7 +385,7 @@ def compare_paper_command(
                 )
 
         summaries = compare_paper(seeds, sensor, out, workers, changes, on_done)
-    rows = write_compare_report(out, summaries)
+    rows = write_compare_report(out, summaries, filter(None, (folder_of(job, out) for job in jobs)))
     report = out / "report.html"
     record = {"report": str(report), "rows": compare_json(rows), "baselines": baselines_json(rows)}
     answer(as_json, record, *comparison_tables(rows, summaries), f"report: {report}")

@@ -10,13 +10,17 @@ from rich.table import Table
 from skysweep.cli.answers import answer
 from skysweep.cli.common import counting, warn
 from skysweep.flights.advise import Option, advise
+from skysweep.planning.advice import warnings_for_plan
 from skysweep.scenarios.model import Scenario
 
 _NO_FLIGHT = "no flight"
 
 
-def answer_advice(as_json: bool, source: str, scenario: Scenario, wanted_pod: float) -> None:
-    """Compare flights over what ``source`` names and answer with all of them and the best one."""
+def answer_advice(as_json: bool, source: str, scenario: Scenario, wanted_pod: float, given: str) -> None:
+    """Compare flights over what ``source`` names and answer with all of them and the best one.
+
+    ``given`` are the other options that a plan of it needs, as they were written.
+    """
     with counting("flights") as count:
         advice = advise(scenario, wanted_pod, count)
     if advice.uncalibrated:
@@ -40,14 +44,18 @@ def answer_advice(as_json: bool, source: str, scenario: Scenario, wanted_pod: fl
     reasons = {
         option.why_not.partition(":")[0]: option.why_not for option in advice.options if option.why_not
     }
+    for warning in warnings_for_plan(scenario.with_search(**best.search_fields, plan=None)):
+        warn(warning)
     altitude, speed, sidelap = best.altitude_agl_m, best.speed_mps, best.sidelap
+    drawn = "" if scenario.search.plan is None else "without the scenario's search.plan, "
+    command = f"skysweep plan {source}{given}"
     answer(
         as_json,
         record,
         table,
         *(f"{_NO_FLIGHT}: {why}" for why in reasons.values()),
         f"best: {altitude:g} m, {speed:g} m/s, sidelap {sidelap:g}: {advice.why}",
-        f"plan it: skysweep plan {source} --altitude {altitude:g} --speed {speed:g} --sidelap {sidelap:g}",
+        f"plan it: {drawn}{command} --altitude {altitude:g} --speed {speed:g} --sidelap {sidelap:g}",
     )
 
 

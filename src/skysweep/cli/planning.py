@@ -120,8 +120,10 @@ def plan(
         refuse_pod(pod)
         if not advise and not gaps:
             raise UserError("--pod: belongs to --advise and --gaps; add one of them, or leave it out")
+    of_prior = uavs != 1 or searched or any(v is not None for v in (budget_m, sweep_width_m, start))
     if gaps:
-        if source is not None or prior is not None or advise or any(v is not None for v in changes.values()):
+        of_plan = advise or any(v is not None for v in (source, prior, at, *changes.values()))
+        if of_plan or of_prior:
             raise UserError("--gaps: flies a run's own scenario again; write only --pod and --out beside it")
         plan_gaps(as_json, gaps, 0.5 if pod is None else pod, folder)
         return
@@ -129,6 +131,8 @@ def plan(
     if source is not None:
         chosen = change_scenario(scenario_or_area(source), changes)
     if prior is not None:
+        if advise or at is not None:
+            raise UserError("--advise, --at: are of transects, which --prior has none of; leave them out")
         if sidelap is not None or heading is not None:
             raise UserError(
                 "--sidelap, --heading: are of transects, which --prior has none of; leave them out"
@@ -141,7 +145,7 @@ def plan(
         options = SearchOptions(prior, budget_m, width_m, uavs, start, searched or [], sweep_width_m, seed)
         plan_with_prior(as_json, options, chosen, changes, folder)
         return
-    if budget_m is not None or sweep_width_m is not None or start is not None or searched or uavs != 1:
+    if of_prior:
         raise UserError(
             "--prior: is missing; name the map of where the target may be, or leave its options out"
         )
@@ -150,7 +154,9 @@ def plan(
     if advise:
         if out is not None or at is not None:
             raise UserError("--out, --at: belong to a plan, which --advise writes none of; leave them out")
-        answer_advice(as_json, source, chosen, 0.8 if pod is None else pod)
+        given = {"--heading": heading, "--hfov": hfov}
+        words = "".join(f" {name} {value:g}" for name, value in given.items() if value is not None)
+        answer_advice(as_json, source, chosen, 0.8 if pod is None else pod, words)
         return
     covered = as_covered(chosen)
     for warning in warnings_for_plan(chosen, covered.search.scan_altitude_agl_m):

@@ -1,15 +1,15 @@
 """From how high, how fast and with how much overlap to scan: flights compared before any is flown.
 
 The expected probability of detection (POD) is that of the target that is hardest to see, at a random place
-of flat, open ground between two transects: of the better of the passes beside it, as what one pass misses the
-next one misses more often than by chance. It is from the calibrated sensor
-(``sensing/statistical/sweep_width.py``). Trees, slopes and light take from it; time and batteries are those
-of the plan over the scenario's terrain.
+between two transects, on ground that is level and open but covered as the area is: of the better of the
+passes beside it, as what one pass misses the next one misses more often than by chance. It is from the
+calibrated sensor (``sensing/statistical/sweep_width.py``). Trees, slopes and light take from it; time and
+batteries are those of the plan over the scenario's terrain.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,13 +17,17 @@ import numpy as np
 from skysweep.errors import UserError
 from skysweep.planning.advice import WISHED_AT_SCAN_PX
 from skysweep.planning.flight_plan import plan_scenario
+from skysweep.scenarios.files import NULL, change_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.statistical.model import KindModel, model_for
-from skysweep.sensing.statistical.sweep_width import lateral_range
+from skysweep.sensing.statistical.sweep_width import lateral_range, refuse_tilted
+from skysweep.strategies import strategy_spec
+from skysweep.worlds.world import surfaces_of
 
 _PIXELS = (10.0, 14.0, 20.0, 28.0, 40.0, 56.0, 80.0)  # on the smallest target, of the altitudes tried
 _SPEED_SHARES = (0.4, 0.7, 1.0)  # tried, of the speed that is kept against the wind
-_SLOWEST_MPS = 0.5
+_SLOWEST_MPS = 0.5  # against the wind
+_LEAST_MPS = 0.1  # that a scenario may have
 _SIDELAPS = (0.1, 0.3, 0.5)
 _LOWEST_M = 10.0
 _ACROSS = 40  # places between two transects
@@ -68,39 +72,57 @@ def advise(
 ) -> Advice:
     """Compare flights over the scenario's area; the best is the shortest that is expected to find enough.
 
-    ``wanted_pod`` is 0..1. Without a calibrated sensor, enough pixels count instead.
+    ``wanted_pod`` is 0..1. Without a calibrated sensor, or with a tilted camera, enough pixels count instead.
+    Raises UserError where the strategy covers the area from another height than that of the scan.
     """
+    search = scenario.search
+    covers_from_m = strategy_spec(search.strategy).cover_altitude_of(scenario)
+    if covers_from_m != search.scan_altitude_agl_m:
+        raise UserError(
+            f"search.strategy: {search.strategy} covers the area from {covers_from_m:g} m, whatever the scan "
+            "altitude, which is what --advise compares; write scan-only to compare heights"
+        )
     try:
         kinds = _hardest_kinds(scenario)
         uncalibrated = ""
     except UserError as error:
         kinds, uncalibrated = [], str(error)
-    settings = list(_settings(scenario))
+    settings, surfaces = list(_settings(scenario)), surfaces_of(scenario)
     options = []
     for done, (altitude_m, speed_mps) in enumerate(settings):
-        options.append(_option(scenario, kinds, altitude_m, speed_mps, wanted_pod))
+        options.append(_option(scenario, kinds, surfaces, altitude_m, speed_mps, wanted_pod))
         on_step(done + 1, len(settings))
-    best, why = _best(options, wanted_pod)
+    best, why = _best(options, wanted_pod, scenario.vehicle.batteries)
     return Advice(tuple(options), best, why, uncalibrated)
 
 
 def expected_pod(
-    scenario: Scenario, kinds: list[tuple[KindModel, float]], altitude_agl_m: float, spacing_m: float
+    scenario: Scenario,
+    kinds: list[tuple[KindModel, float]],
+    surfaces: Mapping[str, float],
+    altitude_agl_m: float,
+    spacing_m: float,
 ) -> float:
-    """Of one coverage with transects ``spacing_m`` apart, for the hardest of some kinds and their sizes."""
+    """Of one coverage with transects ``spacing_m`` apart, for the hardest of some kinds and their sizes.
+
+    ``surfaces`` are what covers the ground, with their shares.
+    """
     between_m = spacing_m * (np.arange(_ACROSS) + 0.5) / _ACROSS / 2.0  # from a transect to the middle
     half_m = scenario.camera.lens.footprint_m(altitude_agl_m)[0] / 2.0
     in_picture = between_m <= half_m
     pods = []
     for kind, size_m in kinds:
         found = np.zeros(_ACROSS)
-        found[in_picture] = lateral_range(scenario, kind, size_m, altitude_agl_m, between_m[in_picture])
+        found[in_picture] = lateral_range(
+            scenario, kind, size_m, altitude_agl_m, between_m[in_picture], surfaces
+        )
         pods.append(float(found.mean()))
     return min(pods)
 
 
 def _hardest_kinds(scenario: Scenario) -> list[tuple[KindModel, float]]:
     """Kinds of the sensor model that are searched for, each with its smallest size."""
+    refuse_tilted(scenario, "the expected POD")
     return [
         (kind, low_m)
         for name, (low_m, _) in scenario.target_sizes_m.items()
@@ -121,7 +143,7 @@ def _settings(scenario: Scenario) -> Iterator[tuple[float, float]]:
     cruise_mps = scenario.vehicle.cruise_speed_mps
     held_mps = max(safety.air_speed_max_mps - scenario.wind.mean_speed_mps, _SLOWEST_MPS)
     fastest_mps = round(min(cruise_mps, held_mps), 1)  # against the wind
-    speeds = {round(share * fastest_mps, 1) for share in _SPEED_SHARES}
+    speeds = {max(round(share * fastest_mps, 1), _LEAST_MPS) for share in _SPEED_SHARES}
     speeds.add(min(search.scan_speed_mps, fastest_mps))
     for height_m in sorted(heights | {search.scan_altitude_agl_m}, reverse=True):
         for speed_mps in sorted(speeds):
@@ -131,22 +153,23 @@ def _settings(scenario: Scenario) -> Iterator[tuple[float, float]]:
 def _option(
     scenario: Scenario,
     kinds: list[tuple[KindModel, float]],
+    surfaces: Mapping[str, float],
     altitude_m: float,
     speed_mps: float,
     wanted_pod: float,
 ) -> Option:
     pod, sidelap = None, scenario.search.sidelap
-    if kinds:
-        swath_m = scenario.camera.lens.footprint_m(altitude_m)[0]
-        at_speed = scenario.with_search(scan_speed_mps=speed_mps)
-        for sidelap in _SIDELAPS:
-            pod = expected_pod(at_speed, kinds, altitude_m, swath_m * (1.0 - sidelap))
-            if pod >= wanted_pod:
-                break
     pixels = scenario.pixels_on_target(altitude_m)
-    option = Option(altitude_m, speed_mps, sidelap, pixels, pod, None, None, None)
     try:
-        _, cost = plan_scenario(scenario.with_search(**option.search_fields, plan=None))
+        flown = {"scan_altitude_agl_m": altitude_m, "scan_speed_mps": speed_mps, "plan": NULL}
+        tried = change_scenario(scenario, {f"search.{name}": value for name, value in flown.items()})
+        if kinds:
+            swath_m = scenario.camera.lens.footprint_m(altitude_m)[0]
+            for sidelap in _SIDELAPS:
+                pod = expected_pod(tried, kinds, surfaces, altitude_m, swath_m * (1.0 - sidelap))
+                if pod >= wanted_pod:
+                    break
+        _, cost = plan_scenario(tried.with_search(sidelap=sidelap))
     except UserError as error:
         return Option(altitude_m, speed_mps, sidelap, pixels, pod, None, None, None, str(error))
     return Option(
@@ -154,13 +177,15 @@ def _option(
     )
 
 
-def _best(options: list[Option], wanted_pod: float) -> tuple[Option | None, str]:
+def _best(options: list[Option], wanted_pod: float, batteries: int) -> tuple[Option | None, str]:
     flyable = [o for o in options if o.time_s is not None]
     if not flyable:
         return None, options[0].why_not
 
     def shortest(among: list[Option]) -> Option:
-        return min(among, key=lambda o: (o.time_s or 0.0, -(o.pod or 0.0)))
+        """Of those that the batteries last for, else of all."""
+        lasting = [o for o in among if (o.batteries or 0) <= batteries]
+        return min(lasting or among, key=lambda o: (o.time_s or 0.0, -(o.pod or 0.0)))
 
     if all(o.pod is None for o in flyable):
         enough = [o for o in flyable if o.pixels_on_target >= WISHED_AT_SCAN_PX]
@@ -171,9 +196,8 @@ def _best(options: list[Option], wanted_pod: float) -> tuple[Option | None, str]
         most = max(flyable, key=lambda o: (o.pixels_on_target, -(o.time_s or 0.0)))
         return most, "most pixels on the smallest target; too few for a detector to rely on"
     enough = [o for o in flyable if (o.pod or 0.0) >= wanted_pod]
+    wanted = f"expected to report {wanted_pod:.0%} of the targets at least once"
     if enough:
-        return shortest(
-            enough
-        ), f"the shortest flight that is expected to find {wanted_pod:.0%} of the targets"
+        return shortest(enough), f"the shortest flight that is {wanted}"
     most = max(flyable, key=lambda o: (o.pod or 0.0, -(o.time_s or 0.0)))
-    return most, f"no flight is expected to find {wanted_pod:.0%} of the targets; this one finds most"
+    return most, f"no flight is {wanted}; this one reports most"

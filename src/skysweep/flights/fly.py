@@ -44,6 +44,7 @@ from skysweep.scenarios.files import with_paths_beside, write_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.statistical.model import model_for
 from skysweep.strategies import StrategySpec, fingerprint_of
+from skysweep.strategies.covering import as_covered
 from skysweep.worlds.ground_files import ground_digest
 
 if TYPE_CHECKING:
@@ -106,7 +107,7 @@ def fly_in_memory(
     run = Run(scenario, tuple(journal.lines))
     return compute_summary(
         run,
-        scan_only_time_s=plan_scenario(scenario)[1].search_time_s,
+        scan_only_time_s=plan_scenario(as_covered(scenario))[1].search_time_s,
         wall_time_s=time.perf_counter() - started,
     )
 

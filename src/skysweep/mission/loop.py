@@ -137,6 +137,7 @@ class Flight:
         self._failure = ""  # of the strategy, in a sentence: it is asked no more
         self._unanswered: tuple[tuple[XY, XY], ...] = ()  # legs flown blind of which it was told then
         self._sent: tuple[tuple[float, ...], Setpoint] | None = None  # the newest setpoint, and its inputs
+        self._above_ground: tuple[VehicleState | None, float] = None, math.nan  # a state, and its height
         self._waiting: tuple[Look, ...] = ()  # not yet passed to the strategy
         self._untold: tuple[Look, ...] = ()  # not yet in the journal
         self._left_enu_m = state.position_enu_m  # at the search's last step
@@ -832,8 +833,11 @@ class Flight:
         return self._heard.state()
 
     def _altitude_agl_m(self, state: VehicleState) -> float:
-        x, y, z = state.position_enu_m.tolist()
-        return float(z - self._m.ground_at_m(x, y))
+        """Asked for several times a tick."""
+        if self._above_ground[0] is not state:
+            x, y, z = state.position_enu_m.tolist()
+            self._above_ground = state, float(z - self._m.ground_at_m(x, y))
+        return self._above_ground[1]
 
 
 def fly(

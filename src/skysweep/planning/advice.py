@@ -377,8 +377,13 @@ def _about_speeds(scenario: Scenario) -> Iterator[str]:
             f"safety.air_speed_max_mps: is {air_mps:g}; the simulated vehicle sustains {usual_mps:g} m/s, "
             "and against the wind it is slower than planned"
         )
-    wind = mean_mps + 2 * scenario.wind.gust_std_mps
-    if wind >= 2 * cruise:
+    wind, most_mps = mean_mps + 2 * scenario.wind.gust_std_mps, scenario.safety.wind_max_mps
+    if mean_mps > most_mps:
+        yield (
+            f"wind.mean_speed_mps: is {mean_mps:g}, above safety.wind_max_mps ({most_mps:g}): nothing takes "
+            "off; wait for less wind"
+        )
+    elif wind >= 2 * cruise:
         yield (
             f"wind.mean_speed_mps: with gusts it blows at {wind:g} m/s, too much for a vehicle that "
             f"cruises at {cruise:g} m/s"

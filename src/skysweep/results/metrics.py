@@ -17,6 +17,7 @@ from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.run_folder import CandidateStory, Run
 from skysweep.results.summary import RunSummary, Summary, finite_or_inf
 from skysweep.scenarios.model import Scenario
+from skysweep.strategies.covering import as_covered
 from skysweep.types import F64, SEARCHING, Doubt, EventKind, Mode
 from skysweep.worlds.obstacles import Obstacles, came_near
 from skysweep.worlds.occlusion import Occluders, count_seen
@@ -171,7 +172,7 @@ def _scan_only_time_s(run: Run) -> float | None:
     if not run.has_its_plan:
         return None
     try:
-        return plan_scenario(run.scenario)[1].search_time_s
+        return plan_scenario(as_covered(run.scenario))[1].search_time_s
     except UserError:
         return None
 

@@ -324,7 +324,7 @@ class Run:
     def _story(self, identity: int, records: list[Record]) -> CandidateStory:
         verdicts = [r for r in records if r["kind"] in (EventKind.CONFIRMED, EventKind.REJECTED)]
         by_operator = [r for r in verdicts if r.get("by") == OPERATOR]
-        verdict = next(iter([*reversed(by_operator), *verdicts]), None)
+        verdict = _standing(verdicts)
         known = records if verdict is None else records[: records.index(verdict) + 1]
         scanned = next((r for r in known if r["kind"] == EventKind.SCANNED), None)
         sightings = [r for r in known if r["kind"] == "sighting"]
@@ -347,6 +347,16 @@ class Run:
             covariance_m2=_matrix(_newest(known, "covariance_m2")),
             by_operator=bool(by_operator),
         )
+
+
+def _standing(verdicts: Sequence[Record]) -> Record | None:
+    """The verdict that counts, as of when it was first given: the operator's newest, else the strategy's."""
+    standing: Record | None = None
+    for verdict in verdicts:
+        counts = standing is None or verdict.get("by") == OPERATOR
+        if counts and (standing is None or verdict["kind"] != standing["kind"]):
+            standing = verdict
+    return standing
 
 
 def load_run(folder: str | Path, from_sound_lines: bool = False) -> Run:

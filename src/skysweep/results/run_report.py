@@ -92,14 +92,20 @@ def _coverage(run: Run) -> list[Picture]:
     return [Picture(data_uri(coverage_map_png(run, coverage), "image/png"), caption)]
 
 
+def _after_take_off(time_s: float) -> str:
+    minutes, seconds = divmod(round(time_s), 60)
+    return f"{minutes} min {seconds} s after take-off"
+
+
 def _run_lead(run: Run, s: Summary) -> str:
     area = f"{s['area_m2'] / 1e4:.1f} ha" if s["area_m2"] >= 1000 else f"{s['area_m2']:.0f} m²"
-    minutes, seconds = divmod(round(s["mission_time_s"]), 60)
-    when = f"{minutes} min {seconds} s after take-off"
+    searched, told = (_after_take_off(time_s) for time_s in (s["mission_time_s"], run.last_s))
     if run.ended:
-        text = f"The search of {area} ended {when}:"
+        text = f"The search of {area} ended {searched}:"
+    elif s["completed"]:
+        text = f"The search of {area} was finished {searched}, and the journal ends on the way home:"
     else:
-        text = f"The journal ends {when}: the search of {area} was broken off, or is still going on. So far"
+        text = f"The journal ends {told}: the search of {area} was broken off, or is still going on. So far"
     confirmed = counted(s["n_confirmed"], "target")
     if run.has_truth:
         confirmed = f"{s['n_confirmed']} of {s['n_targets']} targets"
@@ -168,7 +174,7 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
         steps.append((run.states.time_s[scanning], f"The search begins at {height_m:.0f} m above ground."))
     check: list[Any] | None = None  # the check's start and its verdicts
     decided: dict[float, list[Any]] = {}  # not during a check of theirs
-    left: dict[float, list[Any]] = {}
+    left: dict[tuple[float, str], list[Any]] = {}  # by the reason
     outside: list[Any] = []
     for record in run.records:
         kind, time_s = record["kind"], run.since_start(record)
@@ -187,7 +193,7 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
         elif kind == EventKind.UNCHECKED and record.get("reason") == OUTSIDE:
             (outside if check is None else check).append(record)
         elif kind == EventKind.UNCHECKED and (_cause(run, record) or {}).get("action") != "REFUSE_CHECK":
-            left.setdefault(time_s, []).append(record)
+            left.setdefault((time_s, _why_unchecked(run, record["candidate"])), []).append(record)
         elif kind in SETTLING:
             if check is None or _aim(check[0]) not in (None, record["candidate"]):
                 decided.setdefault(time_s, []).append(record)
@@ -207,9 +213,10 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
     if check is not None:
         steps.append(_check_step(run, check, names))
     if outside:
-        left.setdefault(run.since_start(outside[0]), []).extend(outside)
+        why = _why_unchecked(run, outside[0]["candidate"])
+        left.setdefault((run.since_start(outside[0]), why), []).extend(outside)
     steps[:0] = [(time_s, _verdicts(records, names)) for time_s, records in decided.items()]
-    steps += [(time_s, _left_words(run, records, names)) for time_s, records in left.items()]
+    steps += [(time_s, _left_words(why, records, names)) for (time_s, why), records in left.items()]
     if not run.ended:
         steps.append((run.last_s, "The journal ends here: the mission was broken off, or still flies."))
     return [(clock(time_s), text) for time_s, text in sorted(steps, key=lambda step: step[0])]
@@ -259,9 +266,8 @@ def _verdicts(records: Sequence[Any], names: dict[int, str]) -> str:
     return f"{text[:1].upper()}{text[1:]}."
 
 
-def _left_words(run: Run, records: Sequence[Any], names: dict[int, str]) -> str:
+def _left_words(why: str, records: Sequence[Any], names: dict[int, str]) -> str:
     which = ", ".join(_name(r, names) for r in records)
-    why = _why_unchecked(run, records[0]["candidate"])
     if len(records) > 1:
         why = why.replace("It lies", "They lie")
     return f"{counted(len(records), 'candidate')} left unchecked ({which}): {why}"

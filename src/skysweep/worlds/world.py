@@ -44,6 +44,7 @@ from skysweep.worlds.rasters import Bounds, GroundPicture, ground_picture
 WAY_STEP_S = 2.0  # between the places of a drawn track
 HELD_OUT_VARIANTS = 1000  # asset variants from here on never appear in training pictures
 STANDING_SIGN_EDGE_M = 2.1  # height of a standing sign's lower edge
+_SURFACES_ACROSS = 200  # places over the area at which its surfaces are counted, each way
 _CLEAR_AT_HOME_M = 6.0  # of trees that are drawn
 
 
@@ -256,6 +257,21 @@ def land_cover_of(scenario: Scenario) -> LandCover | None:
         return None
     frame, bounds = scenario.frame, ground_bounds(scenario)
     return land_cover(map_file, roads_file, classes_of(scenario), terrain.surface, frame, bounds)
+
+
+def surfaces_of(scenario: Scenario) -> dict[str, float]:
+    """Shares of the search area by what covers its ground. Raises UserError as ``land_cover_of``."""
+    cover = land_cover_of(scenario)
+    if cover is None:
+        return {scenario.terrain.surface: 1.0}
+    ground = GroundCover(cover.surfaces, cover.bounds_enu_m, cover.names)
+    west, south, east, north = scenario.area_enu_m.bounds
+    across = [(np.arange(_SURFACES_ACROSS) + 0.5) / _SURFACES_ACROSS] * 2
+    share_x, share_y = (share.ravel() for share in np.meshgrid(*across))
+    xy = np.column_stack([west + share_x * (east - west), south + share_y * (north - south)])
+    inside = shapely.intersects_xy(scenario.area_enu_m, xy)
+    codes = ground.codes_at(xy[inside] if inside.any() else xy)
+    return {ground.names[code]: float((codes == code).mean()) for code in np.unique(codes).tolist()}
 
 
 def classes_of(scenario: Scenario) -> Sequence[LandClass]:

@@ -53,7 +53,7 @@ def _faster(summaries: Sequence[Summary]) -> Iterator[Claim]:
 def _times_near_the_papers(summaries: Sequence[Summary]) -> Iterator[Claim]:
     gaps: dict[str, MeanCI] = {}
     for row in compare_rows(summaries):
-        if row.paper_time_s is not None and row.difference is not None:
+        if row.paper_time_s is not None and row.difference is not None and not row.n_unfinished:
             low, high = (bound / row.paper_time_s - 1.0 for bound in row.mission_time_ci95_s)
             gaps[f"{row.scenario}, {choice(row.n_c)}"] = row.difference, (low, high)
     if gaps:

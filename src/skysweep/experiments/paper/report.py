@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import cast
@@ -32,29 +32,33 @@ from skysweep.files.writing import whole_files
 from skysweep.results.figures import n_c_label, panels, pos_curves
 from skysweep.results.reporting.html import Grid, Picture, Section, picture, write_page
 from skysweep.results.reporting.wording import counted, definitions, parameters
-from skysweep.results.run_folder import JOURNAL_FILE, UNFINISHED, Run, load_run, summary_of_complete
+from skysweep.results.run_folder import JOURNAL_FILE, Run, load_run, summary_of_complete
 from skysweep.results.summary import Summary, finite_or_inf
 from skysweep.scenarios.model import Scenario
 
 
-def write_compare_report(folder: str | Path, summaries: Sequence[Summary]) -> list[CompareRow]:
+def write_compare_report(
+    folder: str | Path, summaries: Sequence[Summary], run_folders: Iterable[Path]
+) -> list[CompareRow]:
     """Write ``compare.json``, ``baselines.json``, ``compare.md``, figures and ``report.html``.
 
-    Trajectories are drawn from the run folders below ``folder/runs``, the lowest seed of each row. Missions
+    Trajectories are drawn from those of the run folders that are there, the lowest seed of each row. Missions
     with pictures are those in ``folder/pictures/SCENARIO``. Returns the rows of the tables. Raises UserError
     where ``folder`` cannot be written to.
     """
     with whole_files(Path(folder)) as unfinished:
-        return _write(unfinished, summaries, Path(folder))
+        return _write(unfinished, summaries, Path(folder), run_folders)
 
 
-def _write(folder: Path, summaries: Sequence[Summary], flown: Path) -> list[CompareRow]:
+def _write(
+    folder: Path, summaries: Sequence[Summary], flown: Path, run_folders: Iterable[Path]
+) -> list[CompareRow]:
     rows = compare_rows(summaries)
     for name, records in (("compare", compare_json(rows)), ("baselines", baselines_json(rows))):
         text = json.dumps(records, indent=1) + "\n"
         (folder / f"{name}.json").write_text(text, encoding="utf-8")
     (folder / "compare.md").write_text(markdown_tables(rows, summaries), encoding="utf-8")
-    runs = drawn_runs(flown / "runs", rows)
+    runs = drawn_runs(run_folders, rows)
     sections = [
         Section("Are the paper's findings confirmed?", grids=[claims(summaries)]),
         Section(
@@ -111,8 +115,9 @@ def _write(folder: Path, summaries: Sequence[Summary], flown: Path) -> list[Comp
     unfinished = sum(not s["completed"] for s in summaries)
     if unfinished:
         lead += (
-            f" {unfinished} of them ended before the search was finished (battery), so their mission times "
-            "and the means that include them are too short."
+            f" {unfinished} of them ended before the search was finished, so their mission times and the "
+            "means that include them are too short: the rows say how many were cut, and no claim of a time "
+            "rests on them."
         )
     write_page(folder / "report.html", "Search strategies: ours beside the paper's", lead, sections)
     return rows
@@ -136,16 +141,16 @@ def _pos_pictures(folder: Path, rows: Sequence[CompareRow], summaries: Sequence[
     return shown
 
 
-def drawn_runs(folder: Path, rows: Sequence[CompareRow]) -> list[Run]:
+def drawn_runs(folders: Iterable[Path], rows: Sequence[CompareRow]) -> list[Run]:
     """The run with the lowest seed for each row of the tables that has a run folder, in their order.
 
     Raises UserError where a run folder is damaged.
     """
     found: dict[tuple[str, Choice], Run] = {}
-    for journal in sorted(folder.glob(f"*/{JOURNAL_FILE}")):
-        if journal.parent.suffix == UNFINISHED:
+    for folder in folders:
+        if not (folder / JOURNAL_FILE).exists():
             continue
-        run = load_run(journal.parent)
+        run = load_run(folder)
         n_c = run.strategy if run.strategy in OTHERS else finite_or_inf(run.scenario.search.n_c)
         known = found.setdefault((run.scenario.name, n_c), run)
         if run.seed < known.seed:

@@ -39,8 +39,11 @@ def row_scenario(name: str, n_c: Choice, changes: Mapping[str, Any]) -> tuple[st
 def paper_matrices(seeds: int, sensor: str, changes: Mapping[str, Any] | None = None) -> list[Matrix]:
     """The paper's rows and those of the other strategies, which have no n_c, with each seed.
 
-    belief is left out where the detector has no sensor model.
+    belief is left out where the detector has no sensor model. Raises UserError where the changes rename the
+    scenarios, which tell the rows apart.
     """
+    if "name" in (changes or {}):
+        raise UserError("--set name: the tables tell their rows apart by it; leave it out")
     papers = [row_scenario(row.scenario, row.n_c, changes or {}) for row in PAPER]
     matrices = [Matrix.of(papers, range(seeds), sensor, [SWEPT])]
     for strategy in OTHERS:
@@ -66,7 +69,7 @@ def folder_of(job: MissionJob, out: Path) -> Path | None:
         return None
     search = job.scenario.search
     how = search.strategy if search.strategy in OTHERS else f"nc{finite_or_inf(search.n_c)}"
-    return out / "runs" / f"{job.label}-{how}-seed{job.seed}"
+    return out / "runs" / f"{job.label}-{how}-seed{job.seed}-{job.config_hash[:8]}"
 
 
 def fly_paper_job(job: MissionJob, out: Path) -> Summary:

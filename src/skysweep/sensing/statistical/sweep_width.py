@@ -1,22 +1,32 @@
 """The effective sweep width of a scenario's detector, from the calibrated sensor.
 
 Koopman, "Search and Screening" (1980): the integral of the lateral range curve, which is the chance that a
-straight pass at some distance reports the target at least once. Here over flat, open ground, at scan
-speed, with the camera straight down and across the track.
+straight pass at some distance reports the target at least once. Here over level ground without anything
+that hides it, covered as the search area is, at scan speed, with the camera straight down and across the
+track.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
 from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.scenarios.model import Scenario
-from skysweep.sensing.statistical.factors import BLUR_MAX, TOO_SMALL, VIEW_MAX
-from skysweep.sensing.statistical.model import KindModel, model_for, score_of
+from skysweep.sensing.statistical.factors import (
+    BLUR_MAX,
+    CONTRAST_LIMITS,
+    CONTRAST_UNIT,
+    CONTRAST_USUAL,
+    TOO_SMALL,
+    VIEW_MAX,
+)
+from skysweep.sensing.statistical.model import KindModel, StatisticalModel, model_for, score_of
 from skysweep.worlds.occlusion import FLAT, SHAPES, pixels_on_target
+from skysweep.worlds.world import surfaces_of
 
 _DISTANCES = 60  # from the track to the picture's edge
 _PASSES = 1000
@@ -25,9 +35,10 @@ _PASSES = 1000
 def sweep_width_m(scenario: Scenario) -> float:
     """Effective sweep width, metres, for the target of the scenario that is hardest to see.
 
-    Raises UserError where the shipped sensor model is not for this camera and detector, or the detector finds
-    nothing from the scan altitude.
+    Raises UserError where the shipped sensor model is not for this camera and detector, the camera is tilted,
+    or the detector finds nothing from the scan altitude.
     """
+    refuse_tilted(scenario, "the sweep width")
     width_m = sweep_width_from(scenario, scenario.search.scan_altitude_agl_m)
     if width_m <= 0.0:
         raise UserError(
@@ -42,25 +53,45 @@ def sweep_width_from(scenario: Scenario, height_m: float) -> float:
 
     Raises UserError where the sensor model is not for this camera and detector.
     """
+    surfaces = surfaces_of(scenario)
     return min(
-        _width_m(scenario, kind, low, height_m)
+        _width_m(scenario, kind, low, height_m, surfaces)
         for name, (low, _) in scenario.target_sizes_m.items()
         for kind in model_for(scenario).kinds
         if kind.kind == kind.reported_as == name and kind.pose in scenario.target_poses[name]
     )
 
 
-def _width_m(scenario: Scenario, kind: KindModel, size_m: float, height_m: float) -> float:
+def refuse_tilted(scenario: Scenario, what: str) -> None:
+    """Raise UserError where the camera does not look straight down, for which ``what`` is computed."""
+    if not scenario.camera.gimbal.looks_down:
+        raise UserError(
+            f"camera.gimbal.pitch_deg: is {scenario.camera.gimbal.pitch_deg:g}; {what} is computed for a "
+            "camera that looks straight down, -90"
+        )
+
+
+def _width_m(
+    scenario: Scenario, kind: KindModel, size_m: float, height_m: float, surfaces: Mapping[str, float]
+) -> float:
     across_m = scenario.camera.lens.footprint_m(height_m)[0]
     aside_m = across_m / 2.0 * (np.arange(_DISTANCES) + 0.5) / _DISTANCES
-    return float(across_m * np.mean(lateral_range(scenario, kind, size_m, height_m, aside_m)))
+    return float(across_m * np.mean(lateral_range(scenario, kind, size_m, height_m, aside_m, surfaces)))
 
 
-def lateral_range(scenario: Scenario, kind: KindModel, size_m: float, height_m: float, aside_m: F64) -> F64:
+def lateral_range(
+    scenario: Scenario,
+    kind: KindModel,
+    size_m: float,
+    height_m: float,
+    aside_m: F64,
+    surfaces: Mapping[str, float],
+) -> F64:
     """Chance (N,) that a straight pass at distances (N,) reports a target of this kind at least once.
 
-    By Monte Carlo: of each pass's luck one part is the target's own, one fades from look to look, one is new.
-    So do lapses.
+    ``surfaces`` are what covers the ground, with their shares: each pass's target lies on one of them. By
+    Monte Carlo: of each pass's luck one part is the target's own, one fades from look to look, one is new. So
+    do lapses.
     """
     search, camera, model = scenario.search, scenario.camera, model_for(scenario)
     lens, view = camera.lens, model.view_of(camera, scenario.detector)
@@ -78,13 +109,14 @@ def lateral_range(scenario: Scenario, kind: KindModel, size_m: float, height_m: 
     shape = SHAPES.get(kind.pose, FLAT)
     pixels_at = [pixels_on_target(view.focal_px, shape, size_m, x, 0.0, -height_m, height_m) for x in away_m]
     own_draw, pass_draw = of_lapses.random((2, *own.shape))
+    of_ground = _scores_of_ground(kind, model, surfaces, own.shape)
     reported = np.zeros(own.shape, dtype=np.bool_)
     for look in range(looks):
         along = (first_m + look * step_m)[:, None]
         square = beside + along**2
         pixels = np.interp(np.sqrt(square), away_m, pixels_at)
         blur_px = camera.exposure_s * search.scan_speed_mps * view.focal_px / height_m
-        mean = np.interp(np.log(pixels), grid, kind.score)
+        mean = np.interp(np.log(pixels), grid, kind.score) + of_ground
         mean += kind.view * np.minimum(square / (height_m**2 + square), VIEW_MAX)
         mean += kind.blur * np.minimum(blur_px / pixels, BLUR_MAX)
         luck = math.sqrt(kind.object_share) * own + math.sqrt(kind.pass_share) * fading
@@ -99,3 +131,15 @@ def lateral_range(scenario: Scenario, kind: KindModel, size_m: float, height_m: 
         stays, anew = of_lapses.random((2, *own.shape))
         pass_draw = np.where(stays < kept, pass_draw, anew)
     return np.asarray(reported.mean(axis=0))
+
+
+def _scores_of_ground(
+    kind: KindModel, model: StatisticalModel, surfaces: Mapping[str, float], shape: tuple[int, ...]
+) -> F64:
+    """What the ground below each pass's target adds to its score, and the target's colour against it."""
+    rng, names = np.random.default_rng(2), list(surfaces)
+    on = rng.choice(len(names), shape, p=list(surfaces.values()))
+    of_surface = np.array([kind.grounds.get(name, 0.0) for name in names])
+    mean, std = np.array([model.contrast(kind.kind, kind.pose, name) for name in names]).T
+    contrast = (mean[on] + std[on] * rng.normal(size=shape) - CONTRAST_USUAL) / CONTRAST_UNIT
+    return np.asarray(of_surface[on] + kind.contrast * np.clip(contrast, *CONTRAST_LIMITS))

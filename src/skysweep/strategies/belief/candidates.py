@@ -56,6 +56,7 @@ class Suspects:
         self._hypotheses: dict[str, Hypotheses] = {}
         self._looks: deque[Look] = deque(maxlen=_REMEMBERED)
         self.all: dict[int, Suspect] = {}
+        self._probabilities: dict[int, float] = {}  # asked for since they changed
         t, g = parameters.target_share, parameters.ghost_share
         self._prior = np.array([t, (1.0 - t) * (1.0 - g), (1.0 - t) * g])
         self._assume(self._prior)
@@ -81,11 +82,15 @@ class Suspects:
     def _assume(self, shares: F64) -> None:
         self._shares = shares
         self._prior_odds = math.log(shares[0] / (1.0 - shares[0]))
+        self._probabilities.clear()
 
     def probability(self, candidate_id: int) -> float:
         """That a candidate is what is searched for."""
-        log_odds = self.all[candidate_id].evidence + self._prior_odds
-        return 1.0 / (1.0 + math.exp(-min(max(log_odds, -500.0), 500.0)))
+        if candidate_id not in self._probabilities:
+            log_odds = self.all[candidate_id].evidence + self._prior_odds
+            odds = math.exp(-min(max(log_odds, -500.0), 500.0))
+            self._probabilities[candidate_id] = 1.0 / (1.0 + odds)
+        return self._probabilities[candidate_id]
 
     def moved(self, settled: Container[int]) -> list[int]:
         """Those that are not settled and whose probability is to be told again."""
@@ -118,6 +123,7 @@ class Suspects:
         suspect.likely, suspect.shift = (target, thing, nothing), (total, weight)
         shares = self._shares[1:] / self._shares[1:].sum()
         suspect.evidence = _against(target, thing, nothing, shares[0], shares[1])
+        self._probabilities.pop(suspect.id, None)
 
     def take(self, look: Look, candidates: Mapping[int, Candidate], settled: Container[int]) -> list[int]:
         """Update what is believed of every candidate that is not settled; those that are new."""
@@ -283,18 +289,23 @@ def _maximise(likely: F64, shares: F64, prior: F64, steps: int) -> tuple[F64, F6
     candidate how probably it is a target, by the shares before the last step, and its log likelihood ratio.
     """
     n = len(likely)
-    targets, evidence, joint = np.empty(n), np.empty(n), np.empty(3)
+    targets, evidence = np.empty(n), np.empty(n)
     for _ in range(steps):
         found = prior.copy()
         for i in range(n):
-            joint[:] = np.exp(likely[i] - likely[i].max()) * shares
-            joint /= joint.sum()
-            targets[i] = joint[0]
-            found += joint
+            most = max(likely[i, 0], likely[i, 1], likely[i, 2])
+            target = math.exp(likely[i, 0] - most) * shares[0]
+            thing = math.exp(likely[i, 1] - most) * shares[1]
+            nothing = math.exp(likely[i, 2] - most) * shares[2]
+            total = target + thing + nothing
+            targets[i] = target / total
+            found[0] += target / total
+            found[1] += thing / total
+            found[2] += nothing / total
         shares = found / found.sum()
-    thing, nothing = shares[1] / (shares[1] + shares[2]), shares[2] / (shares[1] + shares[2])
+    a, b = shares[1] / (shares[1] + shares[2]), shares[2] / (shares[1] + shares[2])
     for i in range(n):
-        evidence[i] = _against(likely[i, 0], likely[i, 1], likely[i, 2], thing, nothing)
+        evidence[i] = _against(likely[i, 0], likely[i, 1], likely[i, 2], a, b)
     return shares, targets, evidence
 
 

@@ -51,7 +51,7 @@ class Checks:
         self._reach_m = _IN_VIEW * context.lens.footprint_m(self._height_m)[1]  # before it a place is in view
         self._obstacles, self._keep_m = context.obstacles, context.keep_m
         self._shows = context.shown
-        self._shown: dict[tuple[float, float, float], float] = {}
+        self._shown: dict[tuple[int, int, int], float] = {}
 
     def route(self, here: XY, places: F64, losses_s: Sequence[float]) -> list[int]:
         """Indices of the ``places`` (N, 2) that are worth a visit, in the order of a short way.
@@ -166,13 +166,14 @@ class Checks:
         """How probably a look from the best side shows what is at a place (3,)."""
         if not len(self._obstacles.solids):
             return 1.0
-        place = np.rint(place_enu_m / _PLACES_M) * _PLACES_M
-        x, y, z = place.tolist()
-        if (x, y, z) not in self._shown:
+        x, y, z = place_enu_m.tolist()
+        near = round(x / _PLACES_M), round(y / _PLACES_M), round(z / _PLACES_M)
+        if near not in self._shown:
+            place = np.array(near) * _PLACES_M
             sides_m = self._seen_from_m(place)
             from_m = [*sides_m[0], self._height_m] if sides_m else [0.0, 0.0, _FAR_ABOVE_M]
-            self._shown[x, y, z] = self._shows(place, place + np.array(from_m))
-        return self._shown[x, y, z]
+            self._shown[near] = self._shows(place, place + np.array(from_m))
+        return self._shown[near]
 
     def _is_clear(self, eye_enu_m: F64) -> bool:
         """Whether no tree or building is nearer than the vehicle goes."""
