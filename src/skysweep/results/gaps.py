@@ -19,6 +19,7 @@ from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.coverage import CoveragePlan, plan_coverage
 from skysweep.results.exports import xml_document
 from skysweep.results.pod import CoverageMap, coverage_of
+from skysweep.results.rings import add_polygons, polygons_lon_lat
 from skysweep.results.run_folder import Run
 from skysweep.scenarios.files import NULL, change_scenario
 from skysweep.scenarios.model import Scenario
@@ -221,7 +222,7 @@ def gaps_geojson(gaps: Gaps, frame: LocalFrame) -> bytes:
     features = [
         {
             "type": "Feature",
-            "geometry": {"type": "Polygon", "coordinates": _rings_lon_lat(gap, frame)},
+            "geometry": _geometry(gap, frame),
             "properties": {"class": "Shape", "title": name, **_figures(gap)},
         }
         for name, gap in gaps.drawn()
@@ -240,24 +241,17 @@ def gaps_kml(gaps: Gaps, frame: LocalFrame, mission: str) -> bytes:
         figures = _figures(gap)
         words = f"{figures['area_m2']:,.0f} m2, mean POD {figures['mean_pod']:.0%}"
         ET.SubElement(placemark, "description").text = words
-        polygon = ET.SubElement(placemark, "Polygon")
-        for i, ring in enumerate(_rings_lon_lat(gap, frame)):
-            boundary = ET.SubElement(polygon, "innerBoundaryIs" if i else "outerBoundaryIs")
-            corners = " ".join(f"{lon:.8f},{lat:.8f}" for lon, lat in ring)
-            ET.SubElement(ET.SubElement(boundary, "LinearRing"), "coordinates").text = corners
+        polygons = polygons_lon_lat(gap.polygon, frame)
+        add_polygons(placemark if len(polygons) == 1 else ET.SubElement(placemark, "MultiGeometry"), polygons)
     return xml_document(root)
+
+
+def _geometry(gap: Gap, frame: LocalFrame) -> dict[str, Any]:
+    polygons = polygons_lon_lat(gap.polygon, frame)
+    if len(polygons) == 1:  # which more programs read
+        return {"type": "Polygon", "coordinates": polygons[0]}
+    return {"type": "MultiPolygon", "coordinates": polygons}
 
 
 def _figures(gap: Gap) -> dict[str, float]:
     return {"area_m2": round(gap.area_m2, 1), "mean_pod": round(gap.mean_pod, 3)}
-
-
-def _rings_lon_lat(gap: Gap, frame: LocalFrame) -> list[list[list[float]]]:
-    """The outer ring, then the holes, closed."""
-    oriented = shapely.geometry.polygon.orient(gap.polygon)
-    rings = []
-    for ring in (oriented.exterior, *oriented.interiors):
-        xy = shapely.get_coordinates(ring)
-        places = frame.geodetic_from_enu(np.column_stack([xy, np.zeros(len(xy))]))
-        rings.append([[round(float(lon), 8), round(float(lat), 8)] for lat, lon, _ in places])
-    return rings

@@ -12,7 +12,7 @@ import shapely
 
 from skysweep.results.exports import xml_document
 from skysweep.results.pod import CoverageMap, coverage_of
-from skysweep.results.rings import rings_lon_lat
+from skysweep.results.rings import add_polygons, polygons_lon_lat
 from skysweep.results.run_folder import Run
 
 EDGES = (0.0, 0.25, 0.5, 0.75, 0.9, 1.0)  # of the bands
@@ -61,7 +61,7 @@ def geojson(run: Run) -> bytes:
             "type": "Feature",
             "geometry": {
                 "type": "MultiPolygon",
-                "coordinates": [rings_lon_lat(part, frame) for part in band.parts],
+                "coordinates": [rings for part in band.parts for rings in polygons_lon_lat(part, frame)],
             },
             "properties": {
                 "title": band.title,
@@ -95,11 +95,7 @@ def kml(run: Run) -> bytes:
             ET.SubElement(ET.SubElement(data, "Data", name=key), "value").text = str(value)
         geometry = ET.SubElement(placemark, "MultiGeometry")
         for part in band.parts:
-            polygon = ET.SubElement(geometry, "Polygon")
-            for i, ring in enumerate(rings_lon_lat(part, run.scenario.frame)):
-                boundary = ET.SubElement(polygon, "innerBoundaryIs" if i else "outerBoundaryIs")
-                corners = " ".join(f"{lon:.8f},{lat:.8f}" for lon, lat in ring)
-                ET.SubElement(ET.SubElement(boundary, "LinearRing"), "coordinates").text = corners
+            add_polygons(geometry, polygons_lon_lat(part, run.scenario.frame))
     return xml_document(root)
 
 

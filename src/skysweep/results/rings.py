@@ -2,22 +2,56 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Iterator, Sequence
+
 import numpy as np
 import shapely
+import shapely.affinity
 
+from skysweep.arrays import F64
 from skysweep.geometry.frames import LocalFrame
 
 _DECIMALS_DEG = 8  # 1 mm
+_WEST, _EAST = shapely.box(0.0, -90.0, 180.0, 90.0), shapely.box(180.0, -90.0, 360.0, 90.0)
 
 Ring = list[list[float]]  # closed; each corner longitude and latitude in degrees
 
 
-def rings_lon_lat(polygon: shapely.Polygon, frame: LocalFrame) -> list[Ring]:
-    """The outer ring counterclockwise, then the holes clockwise (RFC 7946)."""
+def polygons_lon_lat(polygon: shapely.Polygon, frame: LocalFrame) -> list[list[Ring]]:
+    """For each polygon its outer ring counterclockwise, then its holes clockwise.
+
+    It is one, or several where the antimeridian cuts it (RFC 7946, 3.1.9).
+    """
+
+    def lon_lat(xy_enu_m: F64) -> F64:
+        places = frame.geodetic_from_enu(np.column_stack([xy_enu_m, np.zeros(len(xy_enu_m))]))
+        return np.asarray(places[:, 1::-1])
+
+    whole = shapely.transform(polygon, lon_lat)
+    west, _, east, _ = whole.bounds
+    return [_rings(part) for part in (_cut(whole) if east - west > 180.0 else [whole])]
+
+
+def add_polygons(geometry: ET.Element, polygons: Iterable[Sequence[Ring]]) -> None:
+    """Append polygons to an element of KML."""
+    for rings in polygons:
+        part = ET.SubElement(geometry, "Polygon")
+        for i, ring in enumerate(rings):
+            boundary = ET.SubElement(part, "innerBoundaryIs" if i else "outerBoundaryIs")
+            corners = " ".join(f"{lon:.8f},{lat:.8f}" for lon, lat in ring)
+            ET.SubElement(ET.SubElement(boundary, "LinearRing"), "coordinates").text = corners
+
+
+def _cut(polygon: shapely.Polygon) -> Iterator[shapely.Polygon]:
+    """The parts on both sides of the antimeridian."""
+    unwrapped = shapely.transform(polygon, lambda lon, lat: (lon % 360.0, lat), interleaved=False)
+    for side, turned_deg in ((_WEST, 0.0), (_EAST, -360.0)):
+        found = shapely.affinity.translate(unwrapped.intersection(side), turned_deg)
+        yield from (part for part in shapely.get_parts(found) if isinstance(part, shapely.Polygon))
+
+
+def _rings(polygon: shapely.Polygon) -> list[Ring]:
     oriented = shapely.geometry.polygon.orient(polygon)
-    rings = []
-    for ring in (oriented.exterior, *oriented.interiors):
-        xy = shapely.get_coordinates(ring)
-        places = frame.geodetic_from_enu(np.column_stack([xy, np.zeros(len(xy))]))
-        rings.append([[round(float(v), _DECIMALS_DEG) for v in (lon, lat)] for lat, lon, _ in places])
-    return rings
+    rings = (shapely.get_coordinates(ring) for ring in (oriented.exterior, *oriented.interiors))
+    return [ring.round(_DECIMALS_DEG).tolist() for ring in rings]
