@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from skysweep.cli import app
 from skysweep.planning.prior.map_files import read_map
 from skysweep.results.run_folder import load_flown
-from skysweep.results.searched import coverage_of_run
+from skysweep.results.searched import coverage_of_runs
 from skysweep.scenarios.files import load_scenario
 
 LKP = "22.105,60.202"
@@ -192,7 +192,7 @@ def test_the_map_after_a_mission_is_that_of_its_looks(tmp_path):
     said = done("after", "lost.npz", "--searched", "run", "--lkp", LKP).output
     before, after = read_map("lost.npz"), read_map("after.npz")
     run = load_flown("run")
-    coverage = coverage_of_run(run, before)
+    coverage = coverage_of_runs([run], before)
     assert after.poa == pytest.approx(before.after_coverage(coverage).poa)
     assert f"{before.pos_of(coverage):.1%}" in said
     inside = [
@@ -200,11 +200,11 @@ def test_the_map_after_a_mission_is_that_of_its_looks(tmp_path):
         for name in ("lost.npz", "after.npz")
     ]
     assert inside[1] < 0.8 * inside[0]
-    tracked = coverage_of_run(run, before, 20.0)
+    tracked = coverage_of_runs([run], before, 20.0)
     said = done("after", "lost.npz", "--searched", "run", "--sweep-width-m", 20).output
     assert f"{before.pos_of(tracked):.1%}" in said
     refused(
-        "--searched run: is the same flight as run",
+        "run: is the same flight as run; name each once",
         "after",
         "lost.npz",
         "--searched",

@@ -1,6 +1,7 @@
 """A sensor adapted to a scenario, with the real renderer; what the detector sees is a bent sensor's draws."""
 
 from collections import Counter
+from operator import attrgetter
 
 import numpy as np
 import pytest
@@ -10,7 +11,9 @@ from skysweep.api.scenarios import load_scenario
 from skysweep.cli import app
 from skysweep.experiments.calibration import of_scenario
 from skysweep.experiments.calibration.of_scenario import (
+    FAR,
     GROUND,
+    NEAR,
     SHIFTS,
     TREE,
     Fitted,
@@ -26,6 +29,7 @@ from skysweep.sensing.statistical.posed import PosedSensor
 from skysweep.types import Detections
 from skysweep.worlds.world import build_world
 
+BEFORE, NOW = attrgetter("before"), attrgetter("now")
 PERSON, ROCK = ("person", "lying"), ("rock", "face-up")
 RUNNER = CliRunner()
 
@@ -48,38 +52,71 @@ search: {scan_altitude_agl_m: 25, check_altitude_agl_m: 12}
     return load_scenario(path)
 
 
-def tally(reported, at=lambda shift: 1 / (1 + np.exp(-2 * shift)), looks=400, objects=400):
-    """Rocks that are reported as persons with chance ``at`` of a shift."""
+def tally(
+    reported, at=lambda shift: 1 / (1 + np.exp(-2 * shift)), looks=400, objects=400, band=FAR, at_log=3.0
+):
+    """Rocks that are reported as persons with chance ``at`` of a shift, all at one scale."""
     key, draws = (ROCK, "person"), of_scenario._SENSORS * of_scenario._DRAWS
-    drawn = Counter({(key, k): round(draws * looks * at(shift)) for k, shift in enumerate(SHIFTS)})
-    drawn[(GROUND, "person"), SHIFTS.index(0.0)] = draws * 10
-    return Tally(40, Counter({ROCK: objects}), Counter({ROCK: looks}), Counter({key: reported}), drawn)
+    drawn = Counter({(key, band, k): round(draws * looks * at(shift)) for k, shift in enumerate(SHIFTS)})
+    drawn[(GROUND, "person"), band, SHIFTS.index(0.0)] = draws * 10
+    looked = Counter({(ROCK, band): looks, (GROUND, band): 40})
+    scales = {(ROCK, band): looks * at_log, (GROUND, band): 40 * at_log}
+    return Tally(
+        Counter({band: 40}),
+        {band: (9.0, 9.0)},
+        Counter({(ROCK, band): objects, (GROUND, band): 40}),
+        looked,
+        scales,
+        Counter({(key, band): reported}),
+        drawn,
+    )
+
+
+def shift_of(tallies):
+    return fit(tallies, StatisticalModel.load()).shifts[ROCK, "person"]
 
 
 def test_a_shift_is_found_and_drawn_towards_nothing():
     model = StatisticalModel.load()
-    at_half = fit([tally(round(400 / (1 + np.exp(-1.0))))], model).shifts[ROCK, "person"]
-    assert at_half == pytest.approx(0.5, abs=0.05)
-    few = fit([tally(round(400 / (1 + np.exp(-1.0))), objects=4)], model).shifts[ROCK, "person"]
+    more = round(400 / (1 + np.exp(-1.0)))
+    assert shift_of([tally(more)]) == ((3.0,), (pytest.approx(0.5, abs=0.05),))
+    _, (few,) = shift_of([tally(more, objects=4)])
     assert 0.0 < few < 0.35  # many looks at few rocks tell less
     fitted = fit([tally(200)], model)
-    assert fitted.shifts[ROCK, "person"] == 0.0
-    assert fitted.shifts[PERSON, "person"] == 0.0  # none was seen
+    assert fitted.shifts[ROCK, "person"][1] == (0.0,)
+    assert fitted.shifts[PERSON, "person"] == ((0.0,), (0.0,))  # none was seen
+
+
+def test_from_afar_and_from_near_are_two_shifts_with_a_line_between():
+    more, fewer = (round(400 / (1 + np.exp(-by))) for by in (1.0, -1.0))
+    model = StatisticalModel.load()
+    fitted = fit([tally(more, at_log=np.log(10.0)), tally(fewer, band=NEAR, at_log=np.log(40.0))], model)
+    places, shifts = fitted.shifts[ROCK, "person"]
+    assert np.exp(places) == pytest.approx([10.0, 40.0])
+    assert shifts == pytest.approx((0.5, -0.5), abs=0.05)
+    before, after = (
+        next(k for k in m.kinds if (k.kind, k.reported_as) == ("rock", "person")).score
+        for m in (model, of_scenario._adapted(model, fitted))
+    )
+    by_pixels = dict(zip(model.pixels, np.subtract(after, before), strict=True))
+    assert by_pixels[4.0] == by_pixels[10.0] == pytest.approx(0.5, abs=0.05)
+    assert by_pixels[20.0] == pytest.approx(0.0, abs=0.06)
+    assert by_pixels[220.0] == pytest.approx(-0.5, abs=0.05)
 
 
 def test_rates_where_nothing_is():
     seen = tally(200)
-    seen.reported[GROUND, "person"] = 4
+    seen.reported[(GROUND, "person"), FAR] = 4
     times = fit([seen], StatisticalModel.load()).times
-    assert times[GROUND, "person"] == 0.5  # (4 + 2) / (10 + 2)
-    assert times[TREE, "person"] == 1.0
+    assert times[GROUND, "person"] == ((3.0,), (pytest.approx(np.log(0.5)),))  # (4 + 2) / (10 + 2)
+    assert times[TREE, "person"] == ((0.0,), (0.0,))
 
 
 class Bent:
     """In place of a detector: draws of a sensor whose rocks are reported more often, and persons less."""
 
     def __init__(self, world, scenario, model):
-        shifts = {(thing, "person"): by for thing, by in ((ROCK, 1.0), (PERSON, -1.0))}
+        shifts = {(thing, "person"): ((0.0,), (by,)) for thing, by in ((ROCK, 1.0), (PERSON, -1.0))}
         self._sensor = PosedSensor(scenario, world, of_scenario._adapted(model, Fitted(shifts, {})), 7)
 
     def detect(self, frame):
@@ -94,11 +131,12 @@ def test_another_world_than_the_model_s_is_found(tmp_path, monkeypatch):
         monkeypatch.setattr(of_scenario, "make_detector", lambda *_, w=world, **__: Bent(w, mine, model))
         tallies.append(look_around(WorldJob(mine, model, index, 30, 0)))
     shifts = fit(tallies, model).shifts
-    assert shifts[ROCK, "person"] > 0.4
-    assert shifts[PERSON, "person"] < -0.3
-    parts = {part.part: part for part in of_scenario._parts(tallies, model)}
-    rocks = parts["rock, face-up"]
-    assert abs(rocks.now - rocks.measured) < 0.5 * abs(rocks.before - rocks.measured)
+    assert min(shifts[ROCK, "person"][1]) > 0.3
+    assert max(shifts[PERSON, "person"][1]) < -0.2
+    parts = [part for part in of_scenario._parts(tallies, model) if "rock, face-up, from " in part.part]
+    assert len(parts) == 2
+    before, now = (sum(abs(value(part) - part.measured) for part in parts) for value in (BEFORE, NOW))
+    assert now < 0.5 * before
 
 
 def test_what_a_report_is_of(tmp_path):
@@ -125,6 +163,7 @@ def test_poses_are_those_of_a_search(tmp_path):
     assert min(heights) >= 12.0
     assert max(heights) == 25.0
     assert 15 < sum(h == 25.0 for h in heights) < 45
+    assert all(h == 25.0 or h <= np.sqrt(12.0 * 25.0) for h in heights)
 
 
 def test_from_the_command_line_to_a_mission(tmp_path):

@@ -22,6 +22,7 @@ from skysweep.experiments.store import SUMMARY_COLUMNS, TIMINGS
 from skysweep.experiments.sweep.run import Outlook, Sweep
 from skysweep.experiments.sweep.spec import matrix_of, parse_spec
 from skysweep.files.folder import Folder
+from skysweep.files.locking import locked
 from skysweep.flights.build import build_mission
 from skysweep.flights.fly import fly_in_memory
 from skysweep.flights.rig import Rig
@@ -500,3 +501,15 @@ def _noise(job):
 
     fly(mission, MemoryJournal(), watch)
     return seen
+
+
+def test_while_one_sweep_flies_another_into_its_folder_is_refused(tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    with locked(out), pytest.raises(UserError, match="another skysweep is writing it"):
+        Sweep(spec(seeds="1"), out).fly(LocalEngine(1))
+    late = Sweep(spec(seeds="1"), out)
+    Sweep(spec(seeds="2"), out).fly(LocalEngine(1))
+    with pytest.raises(UserError, match="holds the results of another sweep"):
+        late.fly(LocalEngine(1))
+    assert Sweep(spec(seeds="2"), out).left == 0

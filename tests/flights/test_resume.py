@@ -164,6 +164,27 @@ def test_a_damaged_journal_goes_on_from_its_sound_lines(whole, tmp_path):
     assert (folder / "journal.jsonl.damaged").read_bytes() == damaged
 
 
+def test_what_the_operator_said_after_the_damage_is_told(whole, tmp_path):
+    folder, told = cut(whole, tmp_path / "run", 40), []
+    order = b'{"t": 30.0, "kind": "operator", "word": "reject", "candidate": 4, "chain": "00000000"}\n'
+    journal = folder / "journal.jsonl"
+    journal.write_bytes(journal.read_bytes().replace(b'"kind": "plan"', b'"kind": "plam"') + order)
+    resume_folder(folder, Rig(say=told.append), from_sound_lines=True)
+    assert [
+        line for line in told if "what the operator said after it is left out: reject 4; say it again" in line
+    ]
+
+
+def test_a_damaged_first_line_is_not_taken_for_a_flight_that_never_began(whole, tmp_path):
+    folder = cut(whole, tmp_path / "run", 40)
+    journal = folder / "journal.jsonl"
+    damaged = journal.read_bytes().replace(b'"kind": "setup"', b'"kind": "setuq"')
+    journal.write_bytes(damaged)
+    with pytest.raises(UserError, match="line 1 is damaged, without which the flight cannot be gone on with"):
+        resume_folder(folder, from_sound_lines=True)
+    assert journal.read_bytes() == damaged
+
+
 @pytest.mark.parametrize(
     ("change", "told"),
     [

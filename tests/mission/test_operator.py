@@ -223,6 +223,13 @@ def test_a_candidate_that_the_strategy_never_heard_of_can_be_confirmed(strategy)
             "The place 300 m east, 20 m north is not looked at: it lies outside",
         ),
         (Order("jump"), "There is no order 'jump'; write hold, continue"),
+        (Order("confirm", "abc"), "There is no candidate None to confirm."),
+        (Order("confirm", 1.5), "There is no candidate None to confirm."),
+        (Order("look", None, (1.0,)), "The order to look has no place"),
+        (Order("look", None, "here"), "The order to look has no place"),
+        (Order(None), "There is no order 'None'; write hold, continue"),
+        (Order(5, "abc", 7), "There is no order '5'; write hold, continue"),
+        ("jump", "There is no order 'jump'; write hold, continue"),
     ],
 )
 def test_an_order_that_cannot_be_done_is_refused_in_a_sentence(order, sentence):
@@ -248,6 +255,37 @@ def trips(flown):
     away = [(t, mode in ("LOOK", "HOLD")) for t, mode in flown.modes]
     edges = [t for (t, a), (_, b) in zip(away[1:], away, strict=False) if a != b]
     return list(zip(edges[::2], edges[1::2], strict=False))
+
+
+def test_the_word_alone_is_an_order():
+    flown = Flown(operator=ordering((300, "return")))
+    (line,) = flown.of_kind("operator")
+    assert line["word"] == "return"
+    assert flown.reason == "operator"
+
+
+class FullAt(MemoryJournal):
+    """A journal whose disk is full from the first confirmation on."""
+
+    def write(self, time_s, kind, **fields):
+        super().write(time_s, kind, **fields)
+        if kind == "confirmed":
+            self.failed = "there is no room"
+
+
+@pytest.mark.parametrize("order", [Order("reject", 1), Order("look", None, PLACE)])
+def test_what_cannot_be_recorded_is_refused(order):
+    journal = FullAt()
+
+    def operator():
+        said = journal.failed is not None and not told
+        return told.append(order) or order if said else None
+
+    told = []
+    flown = Flown(operator=operator, journal=lambda _vehicle: journal)
+    assert told
+    assert any("cannot be recorded" in line["sentence"] for line in flown.of_kind("safety"))
+    assert not [line for line in flown.of_kind("rejected") if "by" in line]
 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)

@@ -14,14 +14,13 @@ from results_data import scenario_data, state, write_run
 from skysweep.errors import UserError
 from skysweep.planning.coverage import footprints
 from skysweep.results.gaps import (
-    coverage_of_flights,
     flown_again,
     gaps_geojson,
     gaps_kml,
     gaps_of,
     path_over,
 )
-from skysweep.results.pod import CoverageMap
+from skysweep.results.pod import CoverageMap, coverage_of_flights
 from skysweep.results.reporting.wording import moving_words
 from skysweep.results.run_folder import Run, load_run
 from skysweep.results.run_report import _coverage

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from results_data import NADIR, event, state, tiny_records, write_run
 
 from skysweep.results.metrics import compute_summary, match, seen_area, travelled_m
-from skysweep.results.run_folder import Run, load_run
+from skysweep.results.run_folder import Run, load_flown, load_run
 from skysweep.scenarios.model import Scenario
 
 
@@ -192,6 +192,26 @@ def test_the_real_time_factor_of_a_continued_flight_is_that_of_its_last_part(tin
     begun_s = tiny_run.start["t"]
     continued = Run(tiny_run.scenario, (*tiny_run.records, {"t": begun_s + 60.0, "kind": "resumed"}))
     assert compute_summary(continued, wall_time_s=2.0)["real_time_factor"] == 10
+
+
+def test_the_energy_of_a_continued_flight_adds_up(tmp_path):
+    """The counter begins again with the program: 2 + 1 Wh before it, and 3 in the air after a battery."""
+
+    def flying(t, wh):
+        return state(t, [5, 10, 10]) | {"energy_wh": wh}
+
+    records = [
+        tiny_records()[0],
+        *(flying(t, wh) for t, wh in ((10, 1.0), (20, 2.0))),
+        {"t": 25, "kind": "resumed"},
+        *(flying(t, wh) for t, wh in ((30, 0.0), (40, 1.0))),
+        {"t": 41, "kind": "sortie", "number": 1, "why": "battery low", "battery": 0.2, "energy_wh": 1.0},
+        {"t": 50, "kind": "next_sortie", "number": 2, "why": "", "battery": 1.0, "energy_wh": 1.0},
+        *(flying(t, wh) for t, wh in ((51, 1.0), (60, 4.0))),
+    ]
+    run = load_flown(write_run(tmp_path, records))
+    assert [sortie.energy_wh for sortie in run.sorties] == pytest.approx([3.0, 3.0])
+    assert compute_summary(run)["total_energy_wh"] == pytest.approx(6.0)
 
 
 @pytest.mark.parametrize("mode", ["SCAN", "CHECK"])

@@ -9,9 +9,9 @@ from results_data import state, write_run
 from skysweep.errors import UserError
 from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.prior.maps import ProbabilityMap, grid_over
-from skysweep.results.pod import coverage_of
+from skysweep.results.pod import coverage_of, coverage_of_flights
 from skysweep.results.run_folder import PHOTOGRAPHED, Run, load_flown
-from skysweep.results.searched import coverage_of_run, scanned_paths
+from skysweep.results.searched import coverage_of_runs, scanned_paths
 
 CALIBRATED = {"width_px": 640, "height_px": 360, "hfov_rad": 1.4}
 UP = [1, 0, 0, 0, 0.7071, 0.7071, 0, -0.7071, 0.7071]  # and ahead
@@ -39,7 +39,7 @@ def cells_of(run, cell_m) -> ProbabilityMap:
 
 
 def missed(run, cells):
-    return np.exp(-coverage_of_run(run, cells))
+    return np.exp(-coverage_of_runs([run], cells))
 
 
 def test_a_cell_of_the_pod_map_has_its_pod(tmp_path):
@@ -49,6 +49,29 @@ def test_a_cell_of_the_pod_map_has_its_pod(tmp_path):
     rows, columns = cells.poa.shape
     assert 1 - missed(run, cells) == pytest.approx(searched.pod()[:rows, :columns], abs=1e-6)
     assert missed(run, cells).min() < 0.1 < 0.9 < missed(run, cells).max()
+
+
+def high(aside_m):
+    """So far above that a target is often missed."""
+    return [state(t, [2.0 * t, 10.0 + aside_m, 70.0]) for t in np.arange(0.0, 20.0, 0.5)]
+
+
+def test_flights_that_share_a_map_count_as_one(tmp_path):
+    """As ``plan --gaps`` counts them; with another camera they are independent, and none is counted twice."""
+    one, other = (run_of(tmp_path / name, [*start(), *high(k)]) for k, name in enumerate("ab"))
+    searched = coverage_of_flights([one, other])
+    cells = cells_of(one, searched.cell_m)
+    rows, columns = cells.poa.shape
+    together = 1 - np.exp(-coverage_of_runs([one, other], cells))
+    assert together == pytest.approx(searched.pod()[:rows, :columns], abs=1e-6)
+    independent = 1 - missed(one, cells) * missed(other, cells)
+    assert together.sum() < 0.99 * independent.sum()
+    lens = run_of(tmp_path / "c", [*start(), *high(1)], camera={**CALIBRATED, "rate_hz": 5})
+    apart = 1 - np.exp(-coverage_of_runs([one, lens], cells))
+    assert apart == pytest.approx(1 - missed(one, cells) * missed(lens, cells))
+    copied = Run(one.scenario, one.records[:-2], tmp_path / "copied")
+    with pytest.raises(UserError, match="is the same flight as"):
+        coverage_of_runs([one, copied], cells)
 
 
 def test_cells_of_any_size_and_another_frame_say_the_same(tmp_path):
@@ -81,7 +104,7 @@ def test_nothing_is_searched_in_a_gap(tmp_path, gap_s):
     paths = scanned_paths(run, run.scenario.frame)
     length_m = sum(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() for path in paths)
     assert length_m == pytest.approx(15.0 if gap_s else 16.0, abs=0.01)
-    coverage = coverage_of_run(run, cells_of(run, 2.0), 4.0)
+    coverage = coverage_of_runs([run], cells_of(run, 2.0), 4.0)
     assert coverage[4:6, :4].min() > 0.9
     assert coverage[:, 9:15].max() == 0.0
 
@@ -103,4 +126,4 @@ def test_pictures_count_where_they_were_taken(tmp_path):
     assert seen[10, 32]
     assert not seen[:, 19:21].any()
     with pytest.raises(UserError, match="--sweep-width-m"):
-        coverage_of_run(run, cells, 4.0)
+        coverage_of_runs([run], cells, 4.0)

@@ -10,6 +10,8 @@ import typer
 from skysweep.cli.common import friendly, say, tell, warn
 from skysweep.errors import UserError
 
+_UNFINISHED = "the mission was interrupted or is still flying; this is the state so far"
+
 
 @friendly
 def export(
@@ -53,7 +55,7 @@ def export(
     """
     from skysweep.files.writing import replace_file
     from skysweep.results.export_formats import FORMATS
-    from skysweep.results.run_folder import load_run
+    from skysweep.results.run_folder import CONFIG_FILE, JOURNAL_FILE, SUMMARY_FILE, load_run
 
     if to is not None and (form != "cot" or out is not None):
         raise UserError("--to: sends Cursor-on-Target events; write --format cot, and leave --out out")
@@ -65,20 +67,24 @@ def export(
     run = load_run(folder)
     name, content = FORMATS[form]
     path = out or folder / name
+    if path.name in (JOURNAL_FILE, CONFIG_FILE, SUMMARY_FILE):
+        raise UserError(f"--out {path}: is what a run folder calls a file of its own; write another name")
     replace_file(path, content(run))
     if not run.ended:
-        warn(f"{folder}: the mission was interrupted or is still flying; this is the state so far")
+        warn(f"{folder}: {_UNFINISHED}")
     tell(f"{form}: {path}")
 
 
 def _send(folder: Path, address: str, follows: bool, ttl: int) -> None:
-    from skysweep.results.run_folder import load_flown
+    from skysweep.results.run_folder import load_run
     from skysweep.results.sending import follow, send_once, udp
 
-    run = load_flown(folder)
+    run = load_run(folder)
     with udp(address, ttl) as send:
         if follows:
             say(f"sending to {address} until the mission has ended; Ctrl-C stops it")
             follow(folder, send, warn)
         else:
+            if not run.ended:
+                warn(f"{folder}: {_UNFINISHED}")
             tell(f"{send_once(run, send)} events sent to {address}")

@@ -16,13 +16,13 @@ from skysweep.planning.picture import draw_plan
 from skysweep.planning.qgc import plan_for_qgc, write_plan
 from skysweep.results.gaps import (
     Gap,
-    coverage_of_flights,
     flown_again,
     gaps_geojson,
     gaps_kml,
     gaps_of,
     path_over,
 )
+from skysweep.results.pod import coverage_of_flights
 from skysweep.results.reporting.wording import moving_words
 from skysweep.results.run_folder import Run, load_run
 from skysweep.scenarios.files import change_scenario, dump_scenario, with_paths_beside

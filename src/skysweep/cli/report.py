@@ -92,7 +92,7 @@ def report(
 
 
 def _report_mission(as_json: bool, folder: Path, out: Path, from_sound_lines: bool) -> None:
-    from skysweep.results.run_folder import is_older, load_run
+    from skysweep.results.run_folder import JOURNAL_FILE, is_older, load_run
     from skysweep.results.writing import write_results
 
     run = load_run(folder, from_sound_lines)
@@ -100,6 +100,8 @@ def _report_mission(as_json: bool, folder: Path, out: Path, from_sound_lines: bo
         raise UserError(
             f"{folder}: is damaged ({', '.join(run.left_out)}); write the sound part elsewhere with --out"
         )
+    if out.resolve() != folder.resolve() and (out / JOURNAL_FILE).exists():
+        raise UserError(f"--out {out}: is the folder of a mission; write one of the report's own")
     for what in run.left_out:
         warn(f"{folder}: is damaged; left out: {what}")
     if not run.has_its_plan:

@@ -13,8 +13,8 @@ from skysweep.errors import UserError
 from skysweep.planning.prior.flown import path_of_plan
 from skysweep.planning.prior.maps import ProbabilityMap
 from skysweep.results.reporting.wording import moving_words
-from skysweep.results.run_folder import JOURNAL_FILE, load_flown
-from skysweep.results.searched import coverage_of_run, scanned_paths
+from skysweep.results.run_folder import JOURNAL_FILE, Run, load_run
+from skysweep.results.searched import coverage_of_runs, scanned_paths
 
 
 def coverage_of_searches(
@@ -25,20 +25,16 @@ def coverage_of_searches(
 ) -> tuple[F64, list[F64]]:
     """Coverage (R, C) of a map's cells by run folders and plans, and their paths (K, 2).
 
-    Without a sweep width, a run counts by its calibrated sensor, look by look; a plan needs one.
+    Without a sweep width, runs count by their calibrated sensor, look by look; a plan needs one.
     """
-    coverage, paths = np.zeros(cells.poa.shape), []
-    flights: dict[int, Path] = {}  # by the journal's checksum
+    coverage, paths, runs = np.zeros(cells.poa.shape), list[F64](), list[Run]()
     for path in searched:
         if path.is_dir():
             if not (path / JOURNAL_FILE).exists():
                 raise UserError(
                     f"--searched {path}: holds no {JOURNAL_FILE}; give a run's folder or a .plan file"
                 )
-            run = load_flown(path)
-            if run.seal in flights:
-                raise UserError(f"--searched {path}: is the same flight as {flights[run.seal]}; give it once")
-            flights[run.seal] = path
+            run = load_run(path)
             if words := moving_words(run.scenario):
                 warn(f"--searched {path}: {words}")
             confirmed = sum(candidate.verdict == "confirmed" for candidate in run.candidates)
@@ -49,11 +45,13 @@ def coverage_of_searches(
                     f"--searched {path}: left {len(run.unchecked)} candidates unchecked; check them first, "
                     "as the map counts them as nothing"
                 )
-            coverage += coverage_of_run(run, cells, sweep_width_of_runs_m)
+            if not run.ended:
+                warn(f"--searched {path}: was interrupted or is still flying; what it flew so far counts")
+            runs.append(run)
             paths += scanned_paths(run, cells.frame)
         elif sweep_width_of_plans_m is None:
             raise UserError(f"--sweep-width-m: is missing; write that of the sensor that flew {path}")
         else:
             paths.append(path_of_plan(path, cells.frame))
             coverage += cells.coverage_by(paths[-1:], sweep_width_of_plans_m)
-    return coverage, paths
+    return coverage + coverage_of_runs(runs, cells, sweep_width_of_runs_m), paths

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import wraps
+from pathlib import Path
 from typing import Concatenate, ParamSpec, TypeVar, cast
 
 import fsspec
 from fsspec.implementations.local import LocalFileSystem
 
 from skysweep.errors import UserError
+from skysweep.files.locking import locked
+from skysweep.files.writing import make_folder
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -58,6 +62,25 @@ class Folder:
     def where(self, name: str) -> str:
         """The address of a file, for messages."""
         return f"{self.url.rstrip('/')}/{name}"
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Hold the lock of a local folder, which is made; others have none.
+
+        A folder that holds nothing in the end is removed again. Raises UserError if it cannot be made, or
+        another process holds the lock.
+        """
+        if not isinstance(self._files, LocalFileSystem):
+            yield
+            return
+        made = make_folder(Path(self._root))
+        try:
+            with locked(Path(self._root)):
+                yield
+        finally:
+            with suppress(OSError):  # something is in it
+                for folder in made:
+                    folder.rmdir()
 
     @_told
     def read(self, name: str) -> bytes | None:

@@ -74,6 +74,7 @@ class RosFlight:
             if not settings.autostart:
                 rig.say(f"waiting for {link.node.get_fully_qualified_name()}/start")
                 face.wait_for_start(rig.operator)
+            face.begin()
 
         on_topics = replace(
             rig,

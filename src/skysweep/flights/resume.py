@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 import time
 from collections.abc import Mapping, Sequence
@@ -12,13 +13,14 @@ from typing import Any, cast
 
 from skysweep import __version__
 from skysweep.errors import UserError
-from skysweep.files.line_file import read_sound_lines
+from skysweep.files.line_file import Lines, read_sound_lines
 from skysweep.flights.build import DEFAULT_RIG, build_mission
 from skysweep.flights.fly import SETUP, finish, fly_in, setup_of
 from skysweep.flights.replay import recorded_answers, restored
 from skysweep.flights.rig import Rig, Say, nothing
 from skysweep.mission.journal import FileJournal, journal_remedy
 from skysweep.mission.mission import Mission
+from skysweep.mission.orders import ORDER
 from skysweep.results.journal_lines import can_be_gone_on_with
 from skysweep.results.run_folder import (
     CONFIG_FILE,
@@ -35,6 +37,7 @@ from skysweep.results.run_folder import (
 from skysweep.results.summary import RunSummary
 from skysweep.results.summary_file import read_summary
 from skysweep.scenarios.model import Scenario
+from skysweep.text import printable
 from skysweep.types import EventKind
 
 _END = "end"  # kind of a whole journal's last line
@@ -64,6 +67,8 @@ def resume_folder(folder: Path, rig: Rig = DEFAULT_RIG, from_sound_lines: bool =
     if summary is not None:
         return cast("RunSummary", dict(summary))
     path = _begun_journal(folder)
+    if from_sound_lines:
+        _tell_lost_orders(path, rig.say)
     with closing(FileJournal(path, _free_name(path) if from_sound_lines else None)) as journal:
         journal.listeners.append(rig.hear)
         begun = _begun(folder, journal.records)
@@ -102,6 +107,7 @@ def begun_scenario(folder: Path, from_sound_lines: bool = False, say: Say = noth
     lines = read_sound_lines(path)
     if not from_sound_lines:
         lines.refuse_damaged(path, journal_remedy(path))
+    _refuse_damaged_begin(path, lines)
     begun = _begun(folder, lines.records)
     scenario = _scenario_to_go_on_with(folder, lines.records)
     if begun["replays"]:
@@ -122,6 +128,36 @@ def _begun_journal(folder: Path) -> Path:
         raise UserError(f"{folder}: {_nothing_begun(folder)}")
     refuse_links(folder)
     return path
+
+
+def _tell_lost_orders(path: Path, say: Say) -> None:
+    """Say which orders stand behind the damage of a journal: a mission that goes on does not know of them."""
+    lines = read_sound_lines(path)
+    _refuse_damaged_begin(path, lines)
+    if lines.damaged is None:
+        return
+    lost = []
+    for line in path.read_bytes().splitlines()[lines.damaged - 1 :]:
+        try:
+            record = json.loads(line)
+        except ValueError:
+            continue
+        if isinstance(record, dict) and record.get("kind") == ORDER:
+            of = "" if record.get("candidate") is None else f" {record['candidate']}"
+            lost.append(printable(f"{record.get('word')}{of}"))
+    if lost:
+        say(
+            f"{path}: line {lines.damaged} is damaged, and what the operator said after it is left out: "
+            f"{', '.join(lost)}; say it again"
+        )
+
+
+def _refuse_damaged_begin(path: Path, lines: Lines) -> None:
+    if lines.damaged == 1:
+        raise UserError(
+            f"{path}: line 1 is damaged, without which the flight cannot be gone on with; if it had ended, "
+            "what it found is in the folder's targets files"
+        )
 
 
 def _begun(folder: Path, records: Sequence[Record]) -> Record:

@@ -27,7 +27,6 @@ from skysweep.results.run_folder import Run
 from skysweep.results.summary import Summary
 from skysweep.scenarios.model import Scenario
 from skysweep.strategies import StrategySpec
-from skysweep.strategies.covering import as_covered
 from skysweep.types import SEARCHING, Candidate, EventKind, Mode, VehicleState
 from skysweep.worlds.world import World, build_world
 
@@ -130,9 +129,7 @@ class Sortie:
     def summary(self) -> Summary:
         """The numbers of ``summary.json``; they use the truth."""
         run = Run(self._scenario, tuple(self._logbook.lines), known_world=self._world)
-        return compute_summary(
-            run, scan_only_time_s=plan_scenario(as_covered(self._scenario))[1].search_time_s
-        )
+        return compute_summary(run, scan_only_time_s=plan_scenario(self._scenario)[1].search_time_s)
 
     @cached_property
     def _world(self) -> World:

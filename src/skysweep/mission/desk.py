@@ -52,6 +52,8 @@ class Desk:
         why = ""
         if order.word in STEERING:
             why = self._steer(order, state)
+        elif order.word in (*VERDICTS, LOOK) and self._notes.failed is not None:
+            why = f"The order to {order.word} cannot be recorded, as the journal ends: say it after resuming."
         elif order.word in VERDICTS:
             why = self._decide(order, state.time_s)
         elif order.word == LOOK:

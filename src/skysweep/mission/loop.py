@@ -22,7 +22,7 @@ from skysweep.mission.journal import Journal
 from skysweep.mission.looks import Looks
 from skysweep.mission.mission import Mission, Watch
 from skysweep.mission.notes import NEXT_SORTIE, SORTIE, Notes
-from skysweep.mission.orders import CONTINUE, MOST_WAITING, Operator
+from skysweep.mission.orders import CONTINUE, MOST_WAITING, Operator, Order
 from skysweep.mission.safety import (
     BATTERY_CHANGE,
     CHECK_PERIOD_S,
@@ -549,6 +549,9 @@ class Flight:
         if order is None:
             return False
         self._tell(state)
+        order = (
+            order if isinstance(order, Order) else Order(str(order))
+        )  # a program may answer its word alone
         self._desk.take(order, phase, state, self._altitude_agl_m(state))
         self._snapshot(state.time_s)
         return True

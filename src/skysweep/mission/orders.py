@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, TypeAlias
 
@@ -31,12 +32,16 @@ class Order(NamedTuple):
     holder: str | None = None
 
     def as_recorded(self) -> Order:
-        """The order as the journal gives it back: its place rounded to a tenth of a millimetre, or none."""
-        if self.xy_enu_m is None:
-            return self
-        x, y = (round(float(v), 4) for v in self.xy_enu_m)
-        is_place = math.isfinite(x + y) and max(abs(x), abs(y)) < _FARTHEST_M
-        return self._replace(xy_enu_m=(x, y) if is_place else None)
+        """The order as the journal gives it back: its place rounded to a tenth of a millimetre.
+
+        What is no word, candidate, place or holder is none: nobody's program checks it before.
+        """
+        try:
+            candidate_id = None if self.candidate_id is None else operator.index(self.candidate_id)
+        except TypeError:
+            candidate_id = None
+        holder = None if self.holder is None else str(self.holder)
+        return Order(str(self.word), candidate_id, _place(self.xy_enu_m), holder)
 
     @classmethod
     def of_line(cls, line: Mapping[str, Any]) -> Order:
@@ -44,6 +49,14 @@ class Order(NamedTuple):
         place = line.get("p")
         xy_enu_m = None if place is None else (place[0], place[1])
         return cls(line["word"], line.get("candidate"), xy_enu_m, line.get("holder"))
+
+
+def _place(given: Any) -> XY | None:
+    try:
+        x, y = (round(float(v), 4) for v in given)
+    except (TypeError, ValueError, OverflowError):
+        return None
+    return (x, y) if math.isfinite(x + y) and max(abs(x), abs(y)) < _FARTHEST_M else None
 
 
 Operator: TypeAlias = Callable[[], Order | None]  # asked at every tick; None: nothing new

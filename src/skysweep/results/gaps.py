@@ -18,9 +18,8 @@ from skysweep.errors import UserError
 from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.coverage import CoveragePlan, plan_coverage
 from skysweep.results.exports import xml_document
-from skysweep.results.pod import CoverageMap, coverage_of
+from skysweep.results.pod import CoverageMap
 from skysweep.results.rings import add_polygons, polygons_lon_lat
-from skysweep.results.run_folder import Run
 from skysweep.scenarios.files import NULL, change_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.strategies.covering import as_covered
@@ -50,43 +49,6 @@ class Gaps(NamedTuple):
         """What somebody should search, in the air or on foot, with its name."""
         for name, gaps in (("gap", self.to_fly), ("no-fly", self.no_fly)):
             yield from ((f"{name} {k}", gap) for k, gap in enumerate(gaps, 1))
-
-
-def coverage_of_flights(runs: Sequence[Run]) -> CoverageMap:
-    """What flights over one area found together, as one map: a target hard to see is so in all of them.
-
-    Raises UserError where two are the same flight, or differ in what the map is made of.
-    """
-    first = runs[0]
-    coverage = coverage_of(first)
-    for k, run in enumerate(runs[1:], 1):
-        for before in runs[:k]:
-            if all(a == b for a, b in zip(before.records, run.records, strict=False)):
-                raise UserError(f"{run.folder}: is the same flight as {before.folder}; name each once")
-        parts, others = _seen_with(first.scenario), _seen_with(run.scenario)
-        other = next((name for name in parts if parts[name] != others[name]), None)
-        if other is not None:
-            raise UserError(
-                f"{run.folder}: was flown with another {other} than {first.folder}; name flights that share "
-                "area, ground, targets, camera and detector"
-            )
-        coverage.begin_journal()
-        for line in run.records:
-            coverage.add(line)
-    return coverage
-
-
-def _seen_with(scenario: Scenario) -> dict[str, Any]:
-    """What a map of the coverage depends on, beside the flight."""
-    s = scenario
-    return {
-        "frame (home)": s.frame,
-        "area": s.area_enu_m,
-        "ground": (s.terrain, s.trees, s.forests, s.buildings, s.buildings_file),
-        "kind of target": (s.target_sizes_m, s.target_poses),
-        "camera": s.camera,
-        "detector": s.detector,
-    }
 
 
 def flown_again(scenario: Scenario) -> Scenario:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -152,6 +152,55 @@ def coverage_of(run: Run, instead: str = "do without the coverage") -> CoverageM
     for line in run.records:
         coverage.add(line)
     return coverage
+
+
+def coverage_of_flights(runs: Sequence[Run], instead: str = "do without the coverage") -> CoverageMap:
+    """What flights over one area found together, as one map: a target hard to see is so in all of them.
+
+    Raises UserError where two are the same flight, or differ in what the map is made of; and as
+    ``coverage_of``.
+    """
+    refuse_twice(runs)
+    first = runs[0]
+    coverage = coverage_of(first, instead)
+    for run in runs[1:]:
+        other = other_than(first, run)
+        if other is not None:
+            raise UserError(
+                f"{run.folder}: was flown with another {other} than {first.folder}; name flights that share "
+                "area, ground, targets, camera and detector"
+            )
+        coverage.begin_journal()
+        for line in run.records:
+            coverage.add(line)
+    return coverage
+
+
+def refuse_twice(runs: Sequence[Run]) -> None:
+    """Raise UserError where two are the same flight, one perhaps copied while it flew."""
+    for k, run in enumerate(runs):
+        for before in runs[:k]:
+            if all(a == b for a, b in zip(before.records, run.records, strict=False)):
+                raise UserError(f"{run.folder}: is the same flight as {before.folder}; name each once")
+
+
+def other_than(one: Run, other: Run) -> str | None:
+    """What a map of the coverage depends on that differs between two flights; None if they share one."""
+    parts, others = _seen_with(one.scenario), _seen_with(other.scenario)
+    return next((name for name in parts if parts[name] != others[name]), None)
+
+
+def _seen_with(scenario: Scenario) -> dict[str, Any]:
+    """What a map of the coverage depends on, beside the flight."""
+    s = scenario
+    return {
+        "frame (home)": s.frame,
+        "area": s.area_enu_m,
+        "ground": (s.terrain, s.trees, s.forests, s.buildings, s.buildings_file),
+        "kind of target": (s.target_sizes_m, s.target_poses),
+        "camera": s.camera,
+        "detector": s.detector,
+    }
 
 
 def _multiples(period_s: float, after_s: float, until_s: float) -> list[float]:

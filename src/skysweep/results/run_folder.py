@@ -44,6 +44,7 @@ PHOTOGRAPHED = "pictures"  # instead of a strategy and a plan, where the picture
 LEFT_OUT = "left_out"  # kind of a line that tells a picture of which nothing was made, and why
 CLOCK = "clock"  # kind of a line that tells the UTC of a mission in real time
 _ROUNDED_S = 1e-3
+_COUNTER_WH = 0.01  # by which a counter of energy falls where it begins again
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +183,7 @@ class Run:
             np.array([r["p"] for r in rows], dtype=float).reshape(n, 3),
             tuple(str(r.get("mode", Mode.SCAN)) for r in rows),
             np.array([r.get("battery", np.nan) for r in rows], dtype=float),
-            np.array([r.get("energy_wh", np.nan) for r in rows], dtype=float),
+            _added_up(np.array([r.get("energy_wh", np.nan) for r in rows], dtype=float)),
             np.array([c["p"] for c in cameras], dtype=float).reshape(n, 3),
             np.array([c["R"] for c in cameras], dtype=float).reshape(n, 3, 3),
         )
@@ -263,7 +264,7 @@ class Run:
                 self.since_start(r),
                 printable(str(r["why"])),
                 math.nan if r["battery"] is None else float(r["battery"]),
-                float(r["energy_wh"]),
+                self._used_wh(began_s, r),
             )
             for k, (began_s, r) in enumerate(zip(begun_s, landings, strict=False), start=1)
         ]
@@ -277,6 +278,14 @@ class Run:
                 Sortie(len(begun_s), begun_s[-1], self.landed_s, why, battery, float(used_wh) - before_wh)
             )
         return tuple(sorties)
+
+    def _used_wh(self, began_s: float, landing: Record) -> float:
+        """The energy of a flight. A resumed one knows no more what it had used before."""
+        if not self.events("resumed"):
+            return float(landing["energy_wh"])
+        used, time_s = self.states.energy_wh, self.states.time_s
+        ends = np.searchsorted(time_s, [began_s, self.since_start(landing)], side="right") - 1
+        return float(used[ends[1]] - (used[ends[0]] if began_s > 0.0 else 0.0))
 
     @property
     def landed_s(self) -> float | None:
@@ -347,6 +356,15 @@ class Run:
             covariance_m2=_matrix(_newest(known, "covariance_m2")),
             by_operator=bool(by_operator),
         )
+
+
+def _added_up(used: F64) -> F64:
+    """Energy used so far (N,), of a counter that begins again at 0 when a flight is resumed."""
+    begins_again = np.flatnonzero(used[1:] < used[:-1] - _COUNTER_WH)
+    added = used.copy()
+    for k in begins_again.tolist():
+        added[k + 1 :] += used[k]
+    return added
 
 
 def _standing(verdicts: Sequence[Record]) -> Record | None:

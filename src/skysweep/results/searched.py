@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,26 +14,34 @@ from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.prior.flown import ground_path
 from skysweep.planning.prior.maps import ProbabilityMap
 from skysweep.results.metrics import seen_footprints
-from skysweep.results.pod import LONGEST_GAP_S, CoverageMap, coverage_of
+from skysweep.results.pod import LONGEST_GAP_S, CoverageMap, coverage_of_flights, other_than, refuse_twice
 from skysweep.results.run_folder import Run
 
 _LEAST_MISSED = 1e-9
 
 
-def coverage_of_run(run: Run, cells: ProbabilityMap, sweep_width_m: float | None = None) -> F64:
-    """Coverage (R, C) of each cell by what was flown of the search while looks were answered.
+def coverage_of_runs(runs: Sequence[Run], cells: ProbabilityMap, sweep_width_m: float | None = None) -> F64:
+    """Coverage (R, C) of each cell by what was flown of searches while looks were answered.
 
-    It is -log(1 - POD) of the run's ``CoverageMap``, averaged over the cell's ground; nothing outside of the
-    run's area. A sweep width counts the track instead. Raises UserError for a run without a sensor model, and
-    for the sweep width of pictures, which have no track.
+    It is -log(1 - POD) of the runs' ``CoverageMap``, averaged over the cell's ground; nothing outside of the
+    runs' areas. Runs that share what a map is made of share one, in which a target that is hard to see is so
+    in all of them; others count as independent. A sweep width counts the tracks instead. Raises UserError for
+    a run without a sensor model, where two are the same flight, and for the sweep width of pictures, which
+    have no track.
     """
+    refuse_twice(runs)
+    coverage = np.zeros(cells.poa.shape)
     if sweep_width_m is None:
-        searched = coverage_of(run, "write --sweep-width-m")
-        missed = _missed(searched, run.scenario.frame, cells)
-        return np.asarray(-np.log(np.maximum(missed, _LEAST_MISSED)))
-    if run.is_photographed:
+        for alike in _alike(runs):
+            searched = coverage_of_flights(alike, "write --sweep-width-m")
+            missed = _missed(searched, alike[0].scenario.frame, cells)
+            coverage -= np.log(np.maximum(missed, _LEAST_MISSED))
+        return coverage
+    if any(run.is_photographed for run in runs):
         raise UserError("--sweep-width-m: is of a track, and pictures have none; leave it out")
-    return cells.coverage_by(scanned_paths(run, cells.frame), sweep_width_m)
+    for run in runs:
+        coverage += cells.coverage_by(scanned_paths(run, cells.frame), sweep_width_m)
+    return coverage
 
 
 def scanned_paths(run: Run, frame: LocalFrame) -> list[F64]:
@@ -42,6 +51,18 @@ def scanned_paths(run: Run, frame: LocalFrame) -> list[F64]:
     geodetic = run.scenario.frame.geodetic_from_enu(states.position_enu_m)
     flown = saw[:-1] & (step_s > 0.0) & (step_s <= LONGEST_GAP_S)
     return _stretches(ground_path(geodetic[:, :2], frame), flown)
+
+
+def _alike(runs: Sequence[Run]) -> list[list[Run]]:
+    """The runs that share what a map is made of, together."""
+    groups: list[list[Run]] = []
+    for run in runs:
+        group = next((group for group in groups if other_than(group[0], run) is None), None)
+        if group is None:
+            groups.append([run])
+        else:
+            group.append(run)
+    return groups
 
 
 def _missed(searched: CoverageMap, frame: LocalFrame, cells: ProbabilityMap) -> F64:

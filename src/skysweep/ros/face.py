@@ -59,6 +59,10 @@ class MissionFace:
         self._link.publish(topics.PLANNED_PATH, m.planned_path(np.column_stack([xy, z])))
         self._link.publish(topics.TARGETS, m.markers(0.0, ()))
 
+    def begin(self) -> None:
+        """Take orders from now on, without waiting for ``~/start``."""
+        self._begun.set()
+
     def wait_for_start(self, operator: Operator) -> None:
         """Block until ``~/start`` is called or ``operator`` says continue; its other orders are kept."""
         while not self._begun.wait(0.2):
@@ -74,6 +78,7 @@ class MissionFace:
     def watch(self, state: VehicleState, mode: str, new: Detections | None) -> None:
         link, time_s = self._link, state.time_s
         self._time_s = time_s
+        self.begin()  # whoever flies it without a start
         link.publish(topics.CLOCK, m.clock(time_s))
         pose = m.pose_stamped(time_s, state.position_enu_m, state.R_body_to_enu)
         link.publish(topics.TF, m.transforms(time_s, state.position_enu_m, state.R_body_to_enu, state.camera))

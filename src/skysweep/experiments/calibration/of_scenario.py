@@ -5,11 +5,14 @@ worlds are shown to the detector, and from the same poses the sensor without pic
 scores shifted by each of SHIFTS. Both are assigned to the things in view in the same way, so what is assigned
 wrongly is so in both. A kind in a pose, reported as a class, gets the shift that makes the measured number of
 reports most likely (simulated moments: McFadden, Econometrica 57, 1989), drawn towards 0. Rates of false
-reports on the ground and on trees are multiplied by measured over drawn, drawn towards 1.
+reports on the ground and on trees are multiplied by measured over drawn, drawn towards 1. Both are fitted
+twice, from the scan's height and from near a check's, with a straight line over the log of the pixels or of
+the altitude in between: another lens or ground changes otherwise what is seen from afar than from near.
 """
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -54,7 +57,7 @@ _SENSORS, _DRAWS = 4, 4  # of each world, each with the objects' luck drawn anew
 _SHIFT_STD = 0.5  # prior
 _USUAL_REPORTS = 2.0  # that count as drawn rightly, beside what was measured on ground and trees
 _FIRST_SEED = 1_500_000  # of the worlds: none that missions commonly have
-_SCAN_SHARE = 0.5  # of the pictures are from the scan's height, the others from there down to the check's
+_SCAN_SHARE = 0.5  # of the pictures are from the scan's height, the others from the lower half to a check's
 _AIMED_SHARE = 0.5  # are aimed at a thing
 _TILT_STD_DEG = 2.0
 _CLEAR_M = 2.0  # of crowns and houses
@@ -64,27 +67,52 @@ _LEAST_CHANCE = 1e-4
 Thing = tuple[str, str]  # kind and pose
 GROUND, TREE = ("ground", ""), ("tree", "")
 Key = tuple[Thing, str]  # and the class that it is reported as
+FAR, NEAR = 0, 1  # from the scan's height, and from lower
+BANDS = (FAR, NEAR)
 
 
 @dataclass
 class Tally:
-    """Counts of one world, or of several."""
+    """Counts of one world, or of several, from each of BANDS."""
 
-    pictures: int = 0
-    objects: Counter[Thing] = field(default_factory=Counter)  # that were seen
-    looks: Counter[Thing] = field(default_factory=Counter)  # at objects; of GROUND and TREE the pictures
-    reported: Counter[Key] = field(default_factory=Counter)
-    drawn: Counter[tuple[Key, int]] = field(default_factory=Counter)  # in all draws, by number of the shift
+    pictures: Counter[int] = field(default_factory=Counter)
+    heights: dict[int, tuple[float, float]] = field(default_factory=dict)  # lowest and highest, metres
+    objects: Counter[tuple[Thing, int]] = field(default_factory=Counter)  # that were seen
+    looks: Counter[tuple[Thing, int]] = field(default_factory=Counter)  # of GROUND and TREE the pictures
+    scales: dict[tuple[Thing, int], float] = field(default_factory=dict)  # sums over looks, see ``scale``
+    reported: Counter[tuple[Key, int]] = field(default_factory=Counter)
+    drawn: Counter[tuple[Key, int, int]] = field(
+        default_factory=Counter
+    )  # in all draws, by the shift's number
 
-    def expected(self, key: Key, shift: int) -> float:
+    def expected(self, key: Key, band: int, shift: int) -> float:
         """How many reports are drawn for as many looks as there are pictures."""
-        return self.drawn[key, shift] / (_SENSORS * _DRAWS)
+        return self.drawn[key, band, shift] / (_SENSORS * _DRAWS)
+
+    def scale(self, thing: Thing, band: int) -> float:
+        """Mean log of an object's pixels, or of the pictures' altitudes; 0 without looks."""
+        return self.scales.get((thing, band), 0.0) / max(self.looks[thing, band], 1)
+
+    def look(self, thing: Thing, band: int, scale: float) -> None:
+        """Count a look at a thing."""
+        self.looks[thing, band] += 1
+        self.scales[thing, band] = self.scales.get((thing, band), 0.0) + scale
 
     def __add__(self, other: Tally) -> Tally:
+        ends = [each.heights for each in (self, other)]
         return Tally(
             self.pictures + other.pictures,
+            {
+                band: (min(low for low, _ in of_band), max(high for _, high in of_band))
+                for band in BANDS
+                if (of_band := [heights[band] for heights in ends if band in heights])
+            },
             self.objects + other.objects,
             self.looks + other.looks,
+            {
+                key: sum(scales.get(key, 0.0) for scales in (self.scales, other.scales))
+                for key in self.scales | other.scales
+            },
             self.reported + other.reported,
             self.drawn + other.drawn,
         )
@@ -156,31 +184,41 @@ def look_around(job: WorldJob) -> Tally:
     renderer = make_renderer(view.world)
     expose = exposing(camera, renderer, int(rng.integers(2**31)))
     detector = make_detector(scenario, threads=1)
-    tally, seen = Tally(job.n_pictures), set[int]()
-    looks: list[tuple[CameraPose, F64]] = []
+    seen_as = job.model.view_of(camera, scenario.detector)
+    tally, seen = Tally(), set[tuple[int, int]]()
+    looks: list[tuple[CameraPose, F64, int]] = []
     for number in range(job.n_pictures):
         pose, height_m = view.pose(rng)
+        band = FAR if height_m >= scenario.search.scan_altitude_agl_m else NEAR
         angle = rng.uniform(0.0, 2.0 * np.pi)
         velocity = scenario.search.scan_speed_mps * np.array([np.cos(angle), np.sin(angle), 0.0])
-        looks.append((pose, velocity))
+        looks.append((pose, velocity, band))
         image = expose(number, pose, 0.0, velocity, np.zeros(3), height_m)
-        tally.reported.update(view.assigned(pose, detector.detect(Frame(0.0, image, pose, camera.lens))))
+        keys = view.assigned(pose, detector.detect(Frame(0.0, image, pose, camera.lens)))
+        tally.reported.update((key, band) for key in keys)
+        low, high = tally.heights.get(band, (height_m, height_m))
+        tally.heights[band] = min(low, height_m), max(high, height_m)
+        tally.pictures[band] += 1
         inside = view.inside(pose)
-        seen.update(inside)
-        tally.looks.update(view.things[i] for i in inside)
+        seen.update((i, band) for i in inside)
+        for i in inside:
+            size_m = view.world.objects[i].size_m
+            tally.look(view.things[i], band, math.log(seen_as.pixels_on_target(size_m, height_m)))
+        for thing in (GROUND, TREE):
+            tally.look(thing, band, math.log(seen_as.as_high * height_m))
     renderer.close()
-    tally.objects.update(view.things[i] for i in seen)
-    for thing in (GROUND, TREE):
-        tally.looks[thing] = tally.objects[thing] = job.n_pictures
+    tally.objects.update((view.things[i], band) for i, band in seen)
+    for band, n in tally.pictures.items():
+        tally.objects[GROUND, band] = tally.objects[TREE, band] = n
     for number, shift in enumerate(SHIFTS):
         with_strays = number == _AS_IT_IS
-        shifted = _adapted(job.model, Fitted(dict.fromkeys(map(_key, job.model.kinds), shift), {}))
+        shifted = _shifted(job.model, shift)
         for k in range(_SENSORS):
             sensor = PosedSensor(scenario, view.world, shifted, world_seed + 1_000_000 * (k + 1))
-            for pose, velocity in looks:
+            for pose, velocity, band in looks:
                 for _ in range(_DRAWS):
                     found = sensor.detect(pose, velocity)
-                    tally.drawn.update((key, number) for key in view.assigned(pose, found, with_strays))
+                    tally.drawn.update((key, band, number) for key in view.assigned(pose, found, with_strays))
     return tally
 
 
@@ -210,8 +248,8 @@ class _View:
         for _ in range(_TRIES):
             height_m = search.scan_altitude_agl_m
             if rng.random() >= _SCAN_SHARE:
-                ends = np.log([min(search.check_altitude_agl_m, height_m), height_m])
-                height_m = float(np.exp(rng.uniform(*ends)))
+                lowest, highest = np.log([min(search.check_altitude_agl_m, height_m), height_m])
+                height_m = float(np.exp(rng.uniform(lowest, (lowest + highest) / 2.0)))
             yaw_rad, (tilt, roll) = (
                 float(rng.uniform(-np.pi, np.pi)),
                 np.radians(_TILT_STD_DEG) * rng.normal(size=2),
@@ -273,24 +311,36 @@ class _View:
 # ---- fitting ------------------------------------------------------------------------------------------
 
 
+Points = tuple[tuple[float, ...], tuple[float, ...]]  # places on an axis, ascending, and values there
+
+
 @dataclass(frozen=True, slots=True)
 class Fitted:
-    """What changes: shifts of scores, and factors on the rates of reports on the ground and on trees."""
+    """What changes, over log pixels and over log altitude; constant beyond the outermost points."""
 
-    shifts: Mapping[Key, float]
-    times: Mapping[Key, float]
+    shifts: Mapping[Key, Points]  # of scores
+    times: Mapping[Key, Points]  # logs of factors on the rates of reports on the ground and on trees
+
+
+_NOTHING: Points = ((0.0,), (0.0,))
 
 
 def fit(tallies: Iterable[Tally], model: StatisticalModel) -> Fitted:
     """Shifts and factors from worlds."""
     all_ = sum(tallies, Tally())
-    shifts = {_key(kind): _shift(all_, _key(kind)) for kind in model.kinds}
-    times = {
-        (thing, b.reported_as): _times(all_, (thing, b.reported_as))
-        for b in model.background
-        for thing in (GROUND, TREE)
-    }
-    return Fitted(shifts, times)
+    strays = [(thing, b.reported_as) for b in model.background for thing in (GROUND, TREE)]
+    return Fitted(
+        {_key(kind): _points(all_, _key(kind), _shift) for kind in model.kinds},
+        {key: _points(all_, key, _log_times) for key in strays},
+    )
+
+
+def _points(tally: Tally, key: Key, value: Callable[[Tally, Key, int], float]) -> Points:
+    """A value from each band in which there was a look."""
+    found = sorted(
+        (tally.scale(key[0], band), value(tally, key, band)) for band in BANDS if tally.looks[key[0], band]
+    )
+    return (tuple(at for at, _ in found), tuple(v for _, v in found)) if found else _NOTHING
 
 
 def _key(kind: KindModel) -> Key:
@@ -300,33 +350,44 @@ def _key(kind: KindModel) -> Key:
 _FINE = np.linspace(SHIFTS[0], SHIFTS[-1], 161)
 
 
-def _chances(tally: Tally, key: Key) -> F64:
+def _chances(tally: Tally, key: Key, band: int) -> F64:
     """Of a report in one look, at the FINE shifts."""
-    drawn = np.array([tally.expected(key, k) for k in range(len(SHIFTS))]) / tally.looks[key[0]]
+    drawn = np.array([tally.expected(key, band, k) for k in range(len(SHIFTS))]) / tally.looks[key[0], band]
     chances = np.clip(drawn, _LEAST_CHANCE, 1.0 - _LEAST_CHANCE)
     return np.asarray(1.0 / (1.0 + np.exp(-np.interp(_FINE, SHIFTS, np.log(chances / (1.0 - chances))))))
 
 
-def _shift(tally: Tally, key: Key) -> float:
+def _shift(tally: Tally, key: Key, band: int) -> float:
     """Looks at one object count as one look."""
-    n, hits = tally.looks[key[0]], tally.reported[key]
-    if not n:
-        return 0.0
-    chances, alike = _chances(tally, key), n / tally.objects[key[0]]
+    n, hits = tally.looks[key[0], band], tally.reported[key, band]
+    chances, alike = _chances(tally, key, band), n / tally.objects[key[0], band]
     likelihood = (hits * np.log(chances) + (n - hits) * np.log1p(-chances)) / alike
     return round(float(_FINE[np.argmax(likelihood - 0.5 * (_FINE / _SHIFT_STD) ** 2)]), 3)
 
 
-def _times(tally: Tally, key: Key) -> float:
-    drawn = tally.expected(key, _AS_IT_IS)
-    return round((tally.reported[key] + _USUAL_REPORTS) / (drawn + _USUAL_REPORTS), 3)
+def _log_times(tally: Tally, key: Key, band: int) -> float:
+    drawn = tally.expected(key, band, _AS_IT_IS)
+    return math.log((tally.reported[key, band] + _USUAL_REPORTS) / (drawn + _USUAL_REPORTS))
+
+
+def _shifted(model: StatisticalModel, shift: float) -> StatisticalModel:
+    """The model with all scores shifted alike."""
+    return _adapted(model, Fitted({_key(kind): ((0.0,), (shift,)) for kind in model.kinds}, {}))
 
 
 def _adapted(model: StatisticalModel, fitted: Fitted) -> StatisticalModel:
     """The model with its scores shifted and its rates multiplied."""
+    log_pixels = np.log(model.pixels)
     kinds = [
         kind.model_copy(
-            update={"score": [round(s + fitted.shifts.get(_key(kind), 0.0), 3) for s in kind.score]}
+            update={
+                "score": [
+                    round(score + shift, 3)
+                    for score, shift in zip(
+                        kind.score, _over(log_pixels, fitted.shifts.get(_key(kind), _NOTHING)), strict=True
+                    )
+                ]
+            }
         )
         for kind in model.kinds
     ]
@@ -335,9 +396,16 @@ def _adapted(model: StatisticalModel, fitted: Fitted) -> StatisticalModel:
     )
 
 
-def _with_times(b: BackgroundModel, times: Mapping[Key, float]) -> BackgroundModel:
+def _over(places: F64, points: Points) -> list[float]:
+    return [float(value) for value in np.interp(places, *points)]
+
+
+def _with_times(b: BackgroundModel, times: Mapping[Key, Points]) -> BackgroundModel:
+    log_altitudes = np.log(b.altitude_agl_m)
+
     def multiplied(rates: Sequence[float], thing: Thing) -> list[float]:
-        return [float(f"{rate * times.get((thing, b.reported_as), 1.0):.3g}") for rate in rates]
+        factors = np.exp(_over(log_altitudes, times.get((thing, b.reported_as), _NOTHING)))
+        return [float(f"{rate * factor:.3g}") for rate, factor in zip(rates, factors, strict=True)]
 
     update = {"per_hectare": multiplied(b.per_hectare, GROUND), "per_tree": multiplied(b.per_tree, TREE)}
     return b.model_copy(update=update)
@@ -349,21 +417,26 @@ def _parts(tallies: Sequence[Tally], model: StatisticalModel) -> list[PartOfScen
     all_ = sum(halves, Tally())
     fits = [fit([half], model) for half in reversed(halves)]
     parts = []
-    for key in sorted({key for key, _ in all_.drawn} | set(all_.reported)):
-        (kind, pose), name = key
-        before, now = all_.expected(key, _AS_IT_IS), 0.0
+    for key, band in sorted({(key, band) for key, band, _ in all_.drawn} | set(all_.reported)):
+        thing, name = key
+        before, now = all_.expected(key, band, _AS_IT_IS), 0.0
         for half, other in zip(halves, fits, strict=True):
+            at = half.scale(thing, band)
             if key in other.times:
-                now += half.expected(key, _AS_IT_IS) * other.times[key]
-            elif half.looks[key[0]]:
-                chance = np.interp(other.shifts.get(key, 0.0), _FINE, _chances(half, key))
-                now += float(chance) * half.looks[key[0]]
+                now += half.expected(key, band, _AS_IT_IS) * math.exp(np.interp(at, *other.times[key]))
+            elif half.looks[thing, band]:
+                shift = np.interp(at, *other.shifts.get(key, _NOTHING))
+                chance = np.interp(shift, _FINE, _chances(half, key, band))
+                now += float(chance) * half.looks[thing, band]
+        low, high = (f"{height_m:.3g}" for height_m in all_.heights[band])
+        kind, pose = thing
         parts.append(
             PartOfScenario(
-                part=f"{kind}, {pose}" if pose else f"nothing: {kind}",
+                part=(f"{kind}, {pose}" if pose else f"nothing: {kind}")
+                + (f", from {low} m" if low == high else f", from {low} to {high} m"),
                 reported_as=name,
-                looks=all_.looks[key[0]],
-                measured=all_.reported[key],
+                looks=all_.looks[thing, band],
+                measured=all_.reported[key, band],
                 before=round(before, 1),
                 now=round(now, 1),
             )

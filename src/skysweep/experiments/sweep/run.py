@@ -84,19 +84,26 @@ class Sweep:
         ``confirm`` is called with the estimate after the first missions; its exception ends the sweep.
         ``on_done`` is called with the error, or None, of each mission. After an interruption another
         ``Sweep`` with the same folder continues. Raises UserError, and flies nothing, where a configuration's
-        sensor does not fit its detector or camera, or the folder cannot be written to.
+        sensor does not fit its detector or camera, the folder cannot be written to, or another process flies
+        into it or has changed what it holds.
         """
         if self._todo:
             for configuration in self._matrix.configurations:
                 refuse_unseeable(configuration.scenario, self._matrix.sensor)
             self._folder.try_out()
-            with engine:
+            with self._folder.locked(), engine:
+                self._known()
                 self._fly(engine, confirm, on_done)
+                self._finish()
+        else:
+            self._finish()
+        self._todo = []
+
+    def _finish(self) -> None:
         text = dump_spec(self._spec)
         if self._todo or self._store.spec() != text or not self._store.is_complete():
             self._store.write_spec(text)
             self._store.finish(self._table)
-        self._todo = []
 
     def errors(self) -> list[str]:
         known = self._store.known().join(self._table, on=KEY, how="semi")
