@@ -208,6 +208,24 @@ def test_start_pause_abort_and_late_joiner(link, start, tiny, tmp_path):
     assert end["reason"] == "operator"
 
 
+def test_a_mission_that_waits_for_nobody_is_paused_and_ended(link, start, tiny, tmp_path):
+    options = ("--sensor", "statistical", "--speed", 4, "--out", "run")
+    mission = start(*SKYSWEEP_ROS, "fly", tiny, *options)
+    state = link.listen(topics.STATE.name, [topics.STATE.type_name], APPEAR_S)
+
+    def mode():
+        return state.newest() and state.newest().message.data
+
+    eventually(lambda: mode() in ("SCAN", "CHECK"))
+    paused = call(link, "/skysweep/mission/pause")
+    assert (paused.success, paused.message) == (True, "hold")
+    eventually(lambda: mode() == "HOLD")
+    assert call(link, "/skysweep/mission/abort").success
+    output, _ = mission.communicate(timeout=120)
+    assert mission.returncode == 0, output
+    assert read_journal(tmp_path / "run" / "journal.jsonl")[-1]["reason"] == "operator"
+
+
 def test_the_live_page_and_the_services_steer_the_same_mission(link, start, tiny, tmp_path):
     """Its folder is the one of the parameter, and every order is given once."""
     options = ("--sensor", "statistical", "--speed", 4, "--wait", "--live", "--no-browser")
