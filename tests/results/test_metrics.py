@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from results_data import NADIR, event, state, tiny_records, write_run
 
-from skysweep.results.metrics import compute_summary, match, seen_area, travelled_m
+from skysweep.results.metrics import compute_summary, match, seen_area, travelled_m, whole_summary
 from skysweep.results.run_folder import Run, load_flown, load_run
 from skysweep.scenarios.model import Scenario
 
@@ -192,6 +192,14 @@ def test_the_real_time_factor_of_a_continued_flight_is_that_of_its_last_part(tin
     begun_s = tiny_run.start["t"]
     continued = Run(tiny_run.scenario, (*tiny_run.records, {"t": begun_s + 60.0, "kind": "resumed"}))
     assert compute_summary(continued, wall_time_s=2.0)["real_time_factor"] == 10
+
+
+def test_the_scan_alone_is_timed_from_the_height_that_is_covered(tiny_run):
+    high, low = (
+        whole_summary(Run(tiny_run.scenario.with_search(strategy=strategy), tiny_run.records))
+        for strategy in ("scan-only", "low-only")
+    )
+    assert low["scan_only_time_s"] > 1.2 * high["scan_only_time_s"]
 
 
 def test_the_energy_of_a_continued_flight_adds_up(tmp_path):

@@ -107,7 +107,7 @@ def fly_in_memory(
     run = Run(scenario, tuple(journal.lines))
     return compute_summary(
         run,
-        scan_only_time_s=plan_scenario(as_covered(scenario))[1].search_time_s,
+        scan_only_time_s=plan_scenario(as_covered(scenario, strategy))[1].search_time_s,
         wall_time_s=time.perf_counter() - started,
     )
 

@@ -549,9 +549,8 @@ class Flight:
         if order is None:
             return False
         self._tell(state)
-        order = (
-            order if isinstance(order, Order) else Order(str(order))
-        )  # a program may answer its word alone
+        if not isinstance(order, Order):  # a program may answer its word alone
+            order = Order(str(order))
         self._desk.take(order, phase, state, self._altitude_agl_m(state))
         self._snapshot(state.time_s)
         return True

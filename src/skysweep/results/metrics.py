@@ -172,7 +172,11 @@ def _scan_only_time_s(run: Run) -> float | None:
     if not run.has_its_plan:
         return None
     try:
-        return plan_scenario(as_covered(run.scenario))[1].search_time_s
+        covered = as_covered(run.scenario)
+    except UserError:  # by a strategy that is not here
+        covered = run.scenario
+    try:
+        return plan_scenario(covered)[1].search_time_s
     except UserError:
         return None
 

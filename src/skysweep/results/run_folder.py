@@ -281,7 +281,7 @@ class Run:
 
     def _used_wh(self, began_s: float, landing: Record) -> float:
         """The energy of a flight. A resumed one knows no more what it had used before."""
-        if not self.events("resumed"):
+        if not self.events("resumed") or not len(self.states):
             return float(landing["energy_wh"])
         used, time_s = self.states.energy_wh, self.states.time_s
         ends = np.searchsorted(time_s, [began_s, self.since_start(landing)], side="right") - 1

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from skysweep.scenarios.model import Scenario
-from skysweep.strategies import strategy_spec
+from skysweep.strategies import StrategySpec, strategy_spec
 
 
-def as_covered(scenario: Scenario) -> Scenario:
+def as_covered(scenario: Scenario, spec: StrategySpec | None = None) -> Scenario:
     """The scenario with its strategy's own altitude as that of the scan: to be planned, not to be flown.
 
-    A plan drawn for another altitude is left out, as in a mission. Raises UserError where there is no such
-    strategy, or it covers the area from no height that may be flown.
+    ``spec`` is for a strategy that is not called by its name. A plan drawn for another altitude is left out,
+    as in a mission. Raises UserError where there is no such strategy, or it covers the area from no height
+    that may be flown.
     """
-    altitude_agl_m = strategy_spec(scenario.search.strategy).cover_altitude_of(scenario)
+    spec = strategy_spec(scenario.search.strategy) if spec is None else spec
+    altitude_agl_m = spec.cover_altitude_of(scenario)
     if altitude_agl_m == scenario.search.scan_altitude_agl_m:
         return scenario
     search = scenario.search.model_copy(update={"scan_altitude_agl_m": altitude_agl_m, "plan": None})
