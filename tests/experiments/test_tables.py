@@ -24,6 +24,7 @@ def summary(scenario, n_c, seed, time_s, false_scans=0, recall=1.0, strategy="sc
         "strategy": strategy,
         "n_c": n_c,
         "seed": seed,
+        "completed": True,
         "mission_time_s": time_s,
         "false_scans": false_scans,
         "false_positives": false_positives,
@@ -96,6 +97,7 @@ def test_json_has_the_agreed_keys_and_no_infinity():
         "false_positives_mean",
         "recall_mean",
         "n_seeds",
+        "n_unfinished",
     }
     assert rows[2]["n_c"] == "inf"
     assert rows[3]["mission_time_ci95_s"] == [None, None]
@@ -116,6 +118,7 @@ def test_scan_only_has_rows_of_its_own_and_leaves_the_papers_as_they_are():
         "recall_mean",
         "false_positives_mean",
         "n_seeds",
+        "n_unfinished",
     }
     assert (row["scenario"], row["strategy"], row["n_seeds"]) == ("clusters", "scan-only", 4)
     assert row["mission_time_mean_s"] == pytest.approx(143)
