@@ -81,9 +81,7 @@ class Tally:
     looks: Counter[tuple[Thing, int]] = field(default_factory=Counter)  # of GROUND and TREE the pictures
     scales: dict[tuple[Thing, int], float] = field(default_factory=dict)  # sums over looks, see ``scale``
     reported: Counter[tuple[Key, int]] = field(default_factory=Counter)
-    drawn: Counter[tuple[Key, int, int]] = field(
-        default_factory=Counter
-    )  # in all draws, by the shift's number
+    drawn: Counter[tuple[Key, int, int]] = field(default_factory=Counter)  # in all draws, by shift number
 
     def expected(self, key: Key, band: int, shift: int) -> float:
         """How many reports are drawn for as many looks as there are pictures."""
@@ -379,32 +377,20 @@ def _adapted(model: StatisticalModel, fitted: Fitted) -> StatisticalModel:
     """The model with its scores shifted and its rates multiplied."""
     log_pixels = np.log(model.pixels)
     kinds = [
-        kind.model_copy(
-            update={
-                "score": [
-                    round(score + shift, 3)
-                    for score, shift in zip(
-                        kind.score, _over(log_pixels, fitted.shifts.get(_key(kind), _NOTHING)), strict=True
-                    )
-                ]
-            }
-        )
+        kind.model_copy(update={"score": np.round(np.add(kind.score, by), 3).tolist()})
         for kind in model.kinds
+        for by in [np.interp(log_pixels, *fitted.shifts.get(_key(kind), _NOTHING))]
     ]
     return model.model_copy(
         update={"kinds": kinds, "background": [_with_times(b, fitted.times) for b in model.background]}
     )
 
 
-def _over(places: F64, points: Points) -> list[float]:
-    return [float(value) for value in np.interp(places, *points)]
-
-
 def _with_times(b: BackgroundModel, times: Mapping[Key, Points]) -> BackgroundModel:
     log_altitudes = np.log(b.altitude_agl_m)
 
     def multiplied(rates: Sequence[float], thing: Thing) -> list[float]:
-        factors = np.exp(_over(log_altitudes, times.get((thing, b.reported_as), _NOTHING)))
+        factors = np.exp(np.interp(log_altitudes, *times.get((thing, b.reported_as), _NOTHING)))
         return [float(f"{rate * factor:.3g}") for rate, factor in zip(rates, factors, strict=True)]
 
     update = {"per_hectare": multiplied(b.per_hectare, GROUND), "per_tree": multiplied(b.per_tree, TREE)}
