@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import socket
 import sys
@@ -84,11 +85,14 @@ def test_the_default_place_is_the_run_folder(broken_off):
 def test_events_go_to_an_address_and_a_finished_mission_is_followed_to_its_end(flown):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.bind(("127.0.0.1", 0))
-        receiver.settimeout(10.0)
+        receiver.settimeout(2.0)
         address = f"udp://127.0.0.1:{receiver.getsockname()[1]}"
         assert "1 events sent" in done(flown, "--format", "cot", "--to", address).stdout
         done(flown, "--format", "cot", "--to", address, "--follow")
-        events = [ET.fromstring(receiver.recv(65_536)) for _ in range(4)]
+        events = []
+        with contextlib.suppress(TimeoutError):
+            while True:
+                events.append(ET.fromstring(receiver.recv(65_536)))
     once, followed = (event for event in events if event.get("type") != "t-x-d-d")  # of what was rejected
     assert once.get("uid") == followed.get("uid")
     assert once.find("detail/contact").get("callsign") == "stop sign 1"

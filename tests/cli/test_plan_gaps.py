@@ -120,7 +120,7 @@ def test_gaps_are_flown_from_where_the_area_is_covered(tmp_path, flown, strategy
     words = ("--sensor", "statistical", "--out", tmp_path / "second")
     skysweep("run", record["yaml"], *words, "--set", "vehicle.battery_wh=200", "--set", "vehicle.batteries=3")
     both, _ = gaps(run, tmp_path / "second", out=tmp_path / "both")
-    assert both["mean_pod"] > 0.9
+    assert both["mean_pod"] > 0.85
 
 
 def test_a_drawn_plan_that_a_strategy_ignores_is_warned_of(tmp_path, flown):

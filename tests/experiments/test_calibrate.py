@@ -86,7 +86,7 @@ def test_the_sensor_draws_as_many_pixels_as_were_measured(kind, size_m, away_m):
     pose = CameraPose(np.array([0.0, 0.0, 5.0]), rotation_camera_to_enu(np.pi / 2, -np.pi / 2))
     job = plan_jobs("skysweep", CAMERA, 1, 0)[0]
     still = CameraMotion(np.zeros(3), np.zeros(3))
-    scorer = Scorer(world, CAMERA.lens, CAMERA.exposure_s)
+    scorer = Scorer(world, CAMERA.lens, CAMERA.exposure_s, 0.0)
     nothing = Detections(0.0, np.zeros((0, 4)), np.zeros(0), (), pose, CAMERA.lens)
     scorer.score(0, False, nothing, np.zeros(3), np.zeros(3))
     shipped = StatisticalModel.load()

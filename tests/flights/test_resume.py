@@ -3,6 +3,7 @@
 import fcntl
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -229,7 +230,7 @@ def test_a_plan_or_sensor_file_that_was_changed_is_refused(tmp_path):
     journal = (folder / "journal.jsonl").read_bytes()
 
     text = sensor.read_text()
-    sensor.write_text(text.replace("fade_px: 256.0", "fade_px: 250.0"))
+    sensor.write_text(re.sub(r"^fade_scale: .*$", "fade_scale: 9.0", text, flags=re.M))
     with pytest.raises(UserError, match=r"begun with model [0-9a-f]{64}, and now it is [0-9a-f]{64}"):
         resume_folder(folder)
     sensor.write_text(text)

@@ -1,6 +1,7 @@
 """The sensor without pictures draws what its tables say, and nothing else."""
 
 import itertools
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -55,12 +56,15 @@ def table(kind="stop sign", reported_as="stop sign", pose="face-up", scores=(-3.
         cut=0.0,
         edge_y=0.0,
         beside=0.0,
+        shade=0.0,
         blur=0.0,
         contrast=0.0,
         company=0.0,
+        lens=0.0,
         grounds={},
         object_share=0.0,
-        pass_share=0.0,
+        aspect_share=0.0,
+        fade_rad=0.1,
     )
     return KindModel(
         kind=kind,
@@ -73,14 +77,14 @@ def table(kind="stop sign", reported_as="stop sign", pose="face-up", scores=(-3.
     )
 
 
-def model(*kinds, background=(), contrasts=(), fade_px=50.0):
+def model(*kinds, background=(), contrasts=(), fade_scale=0.8):
     return StatisticalModel(
         version=VERSION,
         detector=Detecting(name="test", sha256="0" * 64),
         camera=CalibratedCamera(**CAMERA.model_dump(include=set(CalibratedCamera.model_fields))),
         experiment=Experiment(pictures=1, seed=0, looks=1, confidence_floor=0.1),
         pixels=GRID,
-        fade_px=fade_px,
+        fade_scale=fade_scale,
         box=BoxModel(pixels=0.5, of_object=0.04, of_blur=0.0),
         kinds=list(kinds),
         contrasts=list(contrasts),
@@ -127,9 +131,10 @@ def sensor_of(
     minimum=MINIMUM,
     motion=STILL,
     surface=FLAT,
+    light=None,
     tiles=1,
 ):
-    world = World(surface, tuple(objects), tuple(trees), (), Light(), 0)
+    world = World(surface, tuple(objects), tuple(trees), (), light or Light(), 0)
     eye = Eye(true if callable(true) else lambda: true, motion)
     detector = DetectorModel(tiles=tiles).model_copy(update={"confidence_min": minimum})
     return StatisticalSensor(world, camera, detector, eye, Exposures(10.0, 0.0), classes, seed, tables)
@@ -186,23 +191,25 @@ def test_lapses_hit_whatever_the_score():
     assert_rate(sum(map(len, found)), LOOKS, 0.8)
 
 
-@pytest.mark.parametrize(("own", "of_pass"), [(0.0, 0.0), (0.5, 0.0), (0.3, 0.5), (0.0, 1.0)])
-def test_lapses_are_of_the_object_of_the_pass_or_of_the_look(own, of_pass):
-    """Of 60 signs, each seen in 16 passes of 4 looks, 10 px apart."""
-    lapse, z = 0.25, height_for(60.0)
+@pytest.mark.parametrize(("own", "of_aspect"), [(0.0, 0.0), (0.5, 0.0), (0.3, 0.5), (0.0, 1.0)])
+def test_lapses_are_of_the_object_of_the_aspect_or_of_the_look(own, of_aspect):
+    """Of 60 signs, each seen from 16 heights in 4 looks that are 0.02 rad apart."""
+    lapse = 0.25
     signs = [sign(2000.0 * k) for k in range(60)]
-    at_m = np.array([s.position_enu_m[0] for s in signs]).repeat(64) + np.tile(
-        np.arange(4) * 10.0 * z / LENS.focal_px, 60 * 16
-    )
-    gone = nadir(z, -500.0)
+    heights_m = [height_for(30.0 if k % 2 else 150.0) for k in range(16)]
     views = iter(
-        [view for k, x in enumerate(at_m.tolist()) for view in ([gone] * (k % 4 == 0) + [nadir(z, x)])]
+        [
+            nadir(z, s.position_enu_m[0] + 0.02 * z * (k - 1.5))
+            for s in signs
+            for z in heights_m
+            for k in range(4)
+        ]
     )
-    shares = {"lapse_object_share": own, "lapse_pass_share": of_pass}
-    tables = model(table(scores=(4.0,) * 4, lapse=lapse, **shares), fade_px=50.0)
+    shares = {"lapse_object_share": own, "lapse_aspect_share": of_aspect}
+    tables = model(table(scores=(4.0,) * 4, lapse=lapse, fade_rad=0.1, **shares), fade_scale=0.3)
     wide = TerrainSurface(np.zeros((2, 2)), (-1000, -200, 130_000, 200), "grass")
-    seen = np.array([len(d) for d in looks(signs, tables, lambda: next(views), 60 * 80, surface=wide)])
-    missed = 1.0 - seen.reshape(60, 16, 5)[:, :, 1:]
+    seen = np.array([len(d) for d in looks(signs, tables, lambda: next(views), 60 * 64, surface=wide)])
+    missed = 1.0 - seen.reshape(60, 16, 4)
     assert missed.mean() == pytest.approx(lapse, abs=0.04 if own == 0.0 else 0.12)
     ever = missed.mean(axis=(1, 2))
     always = float((ever == 1.0).mean())
@@ -210,10 +217,10 @@ def test_lapses_are_of_the_object_of_the_pass_or_of_the_look(own, of_pass):
     others = missed[ever < 1.0]
     rest = 1.0 - (1.0 - lapse) / (1.0 - own * lapse)
     assert others.mean() == pytest.approx(rest, abs=0.04)
-    of_those = of_pass / (1.0 - own)
+    of_those = of_aspect / (1.0 - own)
     again = others[:, :, 1:][others[:, :, :-1] == 1.0].mean()
-    kept = np.exp(-10.0 / 50.0)
-    assert again == pytest.approx(rest + of_those * kept * (1.0 - rest), abs=0.12)
+    left = np.exp(-0.02 / 0.1)
+    assert again == pytest.approx(rest + of_those * left * (1.0 - rest), abs=0.12)
     apart = np.corrcoef(others[:, :-1, 0].ravel(), others[:, 1:, 0].ravel())[0, 1]
     assert abs(apart) < 0.1
 
@@ -249,6 +256,20 @@ def test_a_flat_view_the_edge_blur_and_contrast_shift_the_score():
     assert_rate(sum(map(len, found)), LOOKS, chance(-0.5 + 1.0 - 8.0 / 30.0))
 
 
+def test_the_shadow_of_a_crown_shifts_the_score():
+    """The sun stands in the south, 45 degrees high, and the crown is 6 m above its shadow's middle."""
+    crown = WorldTree(np.array([0.0, -6.5, 0.0]), 9.0, 2.0, "broadleaf", 1)
+    tables, true = model(table(scores=(1.0,) * 4, shade=-1.5)), nadir(height_for(30.0))
+    south = Light(sun_elevation_deg=45.0, sun_heading_deg=180.0)
+    for light, shift in (
+        (south, -1.5),
+        (Light(sun_heading_deg=0.0), 0.0),
+        (Light(sun_elevation_deg=-5), 0.0),
+    ):
+        found = looks([sign()], tables, true, trees=(crown,), light=light)
+        assert_rate(sum(map(len, found)), LOOKS, chance(1.0 + shift))
+
+
 def test_company_shifts_the_score():
     """Of things in the same tile that are large enough to be seen."""
     true = nadir(height_for(30.0))
@@ -257,6 +278,16 @@ def test_company_shifts_the_score():
         rocks = [sign(2.0 * k - 4.0, 2.0, kind="rock") for k in range(others)]
         rocks += [sign(-2.0, -2.0, "rock", 0.05), sign(40.0, 0.0, "rock")]
         assert_rate(sum(map(len, looks([sign(), *rocks], tables, true))), LOOKS, chance(mean))
+
+
+def test_a_longer_lens_shifts_the_score_as_far_as_it_was_measured():
+    """By each octave of its focal length; the object spans the same pixels, from farther away."""
+    tables = model(table(scores=(0.5,) * 4, lens=-0.4))
+    for octaves, shift in ((0.0, 0.0), (1.0, -0.4), (2.0, -0.8), (4.0, -1.2)):
+        hfov_rad = 2.0 * math.atan(math.tan(CAMERA.hfov_rad / 2.0) * 2.0**-octaves)
+        camera = CAMERA.model_copy(update={"hfov_rad": hfov_rad})
+        true = nadir(height_for(30.0) * 2.0**octaves)
+        assert_rate(sum(map(len, looks([sign()], tables, true, camera=camera))), LOOKS, chance(0.5 + shift))
 
 
 def test_the_ground_shifts_the_score():
@@ -284,18 +315,25 @@ def test_some_objects_are_seen_better_than_others_in_every_look():
     assert 0.4 < offsets.var() < 0.9
 
 
-@pytest.mark.parametrize(("step_px", "lag"), [(5.0, 1), (10.0, 1), (10.0, 5), (250.0, 1)])
-def test_looks_of_one_pass_are_alike_the_less_the_more_the_picture_moved(step_px, lag):
-    """Scores of successive looks have the correlation pass_share * exp(-moved / fade_px)."""
+@pytest.mark.parametrize(
+    ("step_px", "lag", "grown"),
+    [(5.0, 1, 1.0), (10.0, 1, 1.0), (10.0, 5, 1.0), (250.0, 1, 1.0), (5.0, 1, 1.5), (5.0, 2, 1.5)],
+)
+def test_looks_are_alike_the_less_the_more_the_line_of_sight_turned_and_the_object_grew(step_px, lag, grown):
+    """Successive scores have the correlation aspect_share * exp(-turned / fade_rad - |grown| / fade_scale).
+
+    Even looks are from lower down, so that the object has ``grown``; what faded does not come back.
+    """
     z = height_for(30.0)
-    to_and_fro_px = np.abs((np.arange(LOOKS) * step_px) % 500.0 - 250.0) - 125.0
-    views = iter([nadir(z, x) for x in to_and_fro_px * z / LENS.focal_px])
-    tables = model(table(scores=(0.0,) * 4, pass_share=0.6), fade_px=50.0)
+    to_and_fro = (np.abs((np.arange(LOOKS) * step_px) % 500.0 - 250.0) - 125.0) / LENS.focal_px
+    views = iter([nadir(at, x * at) for k, x in enumerate(to_and_fro) for at in [z / grown ** (k % 2)]])
+    tables = model(table(scores=(0.0,) * 4, aspect_share=0.6, fade_rad=0.1), fade_scale=0.8)
     found = looks([sign()], tables, lambda: next(views), minimum=0.001)
     scores = np.array([score_of(d.confidences[0]) if len(d) else np.nan for d in found])
     pairs = np.column_stack([scores[:-lag], scores[lag:]])
     pairs = pairs[np.isfinite(pairs).all(axis=1)]
-    expected = 0.6 * np.exp(-lag * step_px / 50.0)
+    turned_rad = step_px / LENS.focal_px / (1.0 + to_and_fro**2)
+    expected = 0.6 * np.mean(np.exp(-lag * turned_rad / 0.1)) * grown ** (-lag / 0.8)
     assert len(pairs) > 0.99 * (LOOKS - lag)
     assert np.corrcoef(pairs.T)[0, 1] == pytest.approx(expected, abs=0.08)
 
@@ -561,13 +599,13 @@ def test_targets_that_the_detector_never_reports_are_refused():
 
 
 def test_a_scenario_may_name_a_model_of_its_own_beside_it(tmp_path):
-    own = StatisticalModel.load().model_copy(update={"fade_px": 77.0})
+    own = StatisticalModel.load().model_copy(update={"fade_scale": 77.0})
     (tmp_path / "mine.yaml").write_text(yaml.safe_dump(own.model_dump()))
     text = (
         "detector: {statistical_model: mine.yaml}\narea: {polygon_enu_m: [[0, 0], [9, 0], [9, 9]]}\nname: a\n"
     )
     (tmp_path / "a.yaml").write_text(text)
-    assert model_for(load_scenario(tmp_path / "a.yaml")).fade_px == 77.0
+    assert model_for(load_scenario(tmp_path / "a.yaml")).fade_scale == 77.0
     other = change_scenario(load_scenario(tmp_path / "a.yaml"), {"camera.noise_std": 9})
     with pytest.raises(
         UserError, match=r"mine\.yaml: was made for another .*noise_std is 9 grey levels .*, not 2"
@@ -648,8 +686,8 @@ def tiled_looks(x_px, tables, n=LOOKS, rock_px=None, **options):
     if rock_px is not None:
         things.append(sign((rock_px - 640.0) / TILED.lens.focal_px * z, kind="rock"))
     options = {"camera": TILED, "tiles": 2} | options
-    there, away = (CameraPose(np.array([0.0, y, z]), LOOKS_NORTH) for y in (0.2 * z, 200.0))
-    turns = itertools.cycle([there, away])
+    there, away, near = (CameraPose(np.array([0.0, y, z]), LOOKS_NORTH) for y in (0.2 * z, 200.0, 0.201 * z))
+    turns = itertools.cycle([there, away, near, away])
     return looks(things, tables, lambda: next(turns), 2 * n, **options)[::2]
 
 
@@ -668,7 +706,7 @@ def test_a_thing_whole_in_two_tiles_is_looked_at_twice_and_reported_once():
 
 
 def test_what_two_tiles_share_of_its_luck_is_not_drawn_twice():
-    alike = tiled_looks(640.0, model(table(scores=(0.0,) * 4, pass_share=1.0)))
+    alike = tiled_looks(640.0, model(table(scores=(0.0,) * 4, aspect_share=1.0, fade_rad=1e-6)))
     assert_rate(sum(map(len, alike)), LOOKS, chance(0.0))
 
 
@@ -705,7 +743,7 @@ def test_what_is_out_of_view_changes_nothing_however_much_there_is():
 
     def seen(objects):
         it = iter(views)
-        found = looks(objects, model(table(pass_share=0.5)), lambda: next(it), len(views))
+        found = looks(objects, model(table(aspect_share=0.5)), lambda: next(it), len(views))
         return [d.confidences.tolist() for d in found]
 
     assert seen([sign(2.0)]) == seen([sign(2.0), *far])

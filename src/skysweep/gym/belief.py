@@ -104,30 +104,29 @@ def _scan_pixels(model: StatisticalModel, kind: KindModel, scenario: Scenario) -
 
 
 def _common_lapse(model: StatisticalModel, kind: KindModel, pixels: F64 | float) -> F64:
-    """Share of the targets at which all looks of a pass lapse."""
-    own, of_pass, _ = kind.lapses
-    return np.asarray(np.interp(np.log(pixels), np.log(model.pixels), 1.0 - (1.0 - own) * (1.0 - of_pass)))
+    """Share of the targets at which all looks at one aspect lapse."""
+    own, of_aspect, _ = kind.lapses
+    return np.asarray(np.interp(np.log(pixels), np.log(model.pixels), 1.0 - (1.0 - own) * (1.0 - of_aspect)))
 
 
 def _chances(model: StatisticalModel, kind: KindModel, scenario: Scenario, lucks: F64) -> F64:
     shape, size_m = SHAPES.get(kind.pose, FLAT), scenario.target_sizes_m[kind.kind][0]
-    focal_px = model.view_of(scenario.camera, scenario.detector).focal_px
+    view = model.view_of(scenario.camera, scenario.detector)
     across, up = np.sqrt(_VIEWS), np.sqrt(1.0 - _VIEWS)
     rays = zip(across.tolist(), up.tolist(), strict=True)
-    at_1_m = np.array([pixels_on_target(focal_px, shape, size_m, a, 0.0, u, 1.0) for a, u in rays])
+    at_1_m = np.array([pixels_on_target(view.focal_px, shape, size_m, a, 0.0, u, 1.0) for a, u in rays])
     pixels = at_1_m / _DEPTHS_M[:, None]
     at, grid = np.log(pixels), np.log(model.pixels)
     surface = scenario.terrain.surface
     contrast = next((c for c in model.contrasts if (c.kind, c.pose) == (kind.kind, kind.pose)), None)
     mean, _ = contrast.surfaces.get(surface, (CONTRAST_USUAL, 0.0)) if contrast else (CONTRAST_USUAL, 0.0)
     score = (
-        np.interp(at, grid, kind.score)
-        + kind.grounds.get(surface, 0.0)
+        np.interp(at, grid, kind.scores(surface, model.lens_octaves(view)))
         + kind.view * np.minimum(_VIEWS, VIEW_MAX)
         + kind.contrast * np.clip((mean - CONTRAST_USUAL) / CONTRAST_UNIT, *CONTRAST_LIMITS)
     )
     spread = np.interp(at, grid, kind.spread)
-    luck = kind.object_share + kind.pass_share
+    luck = kind.object_share + kind.aspect_share
     missing = score_of(scenario.detector.confidence_min) - score
     z = (spread[..., None] * math.sqrt(luck) * lucks - missing[..., None]) / (
         spread[..., None] * math.sqrt(max(1.0 - luck, 1e-6))

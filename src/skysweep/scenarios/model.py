@@ -472,6 +472,13 @@ class Light(Model):
         0.0, ge=0, le=1, description="Of the past day: less sun, less cold at night; thermal camera only"
     )
 
+    @property
+    def to_sun_enu(self) -> tuple[float, float, float]:
+        """Direction to the sun, of length 1."""
+        elevation, heading = math.radians(self.sun_elevation_deg), math.radians(self.sun_heading_deg)
+        level = math.cos(elevation)
+        return level * math.sin(heading), level * math.cos(heading), math.sin(elevation)
+
     @model_serializer(mode="wrap")
     def _without_what_is_open(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Light for a visible camera has the same keys as before there were these fields."""

@@ -85,6 +85,7 @@ class Occluders:
     def __init__(self, world: World) -> None:
         self.solids = np.concatenate([_crowns(world), _walls(world)])
         self.grid = Grid.of(self.solids[:, :2], self.solids[:, 9])
+        self._to_sun = np.array(world.light.to_sun_enu)
 
     def is_beside_a_crown(self, thing: WorldObject) -> bool:
         """Whether a crown's edge is closer to the object's middle than the object's size."""
@@ -100,6 +101,11 @@ class Occluders:
         (x0, y0), (x1, y1) = place[:2].tolist(), camera_enu_m[:2].tolist()
         near = self._around(x0, y0, x1, y1, thing.size_m)
         return float(visible_share(camera_enu_m, place, thing.size_m, self.solids, near))
+
+    def shade(self, thing: WorldObject) -> float:
+        """Share (0..1) of nine points of the object on which the shadow of a solid falls; 0 at night."""
+        place = middle_enu_m(thing)
+        return float(shades(place[None], thing.size_m, self._to_sun, self.solids, *self.grid)[0])
 
     def _around(self, x0: float, y0: float, x1: float, y1: float, margin_m: float) -> I64:
         found = np.empty(len(self.solids), dtype=np.int64)
@@ -154,6 +160,25 @@ def visible_share(camera: F64, place: F64, size_m: float, solids: F64, near: I64
                     place[2] + _POINT_HEIGHT_M,
                 )
     return float(1.0 - hidden.mean())
+
+
+@njit(cache=True)
+def shades(places: F64, size_m: float, to_sun: F64, solids: F64, frame: F64, starts: I64, order: I64) -> F64:
+    """Shares (N,) of the points of objects at ``places`` (N, 3) on which the shadow of a solid falls.
+
+    ``frame``, ``starts`` and ``order`` are the ``Grid`` of the solids; ``to_sun`` is of length 1.
+    """
+    found = np.zeros(len(places))
+    if not len(solids) or to_sun[2] <= 0.0:
+        return found
+    near, top = np.empty(len(solids), dtype=np.int64), solids[:, 8].max()
+    for k in range(len(places)):
+        place = places[k]
+        above = place + max(top - place[2], 0.0) / to_sun[2] * to_sun
+        n = around(near, frame, starts, order, place[0], place[1], above[0], above[1], size_m)
+        if n:
+            found[k] = 1.0 - visible_share(above, place, size_m, solids, near[:n])
+    return found
 
 
 @njit(cache=True)

@@ -166,10 +166,8 @@ def make_sun(light: Light) -> Sun:
     """
     is_day = light.sun_elevation_deg >= SUN_LEAST_DEG
     elevation_deg = light.sun_elevation_deg if is_day else _DAYLIGHT_DEG
-    elevation, heading = np.radians(elevation_deg), np.radians(light.sun_heading_deg)
-    direction = np.array(
-        [np.cos(elevation) * np.sin(heading), np.cos(elevation) * np.cos(heading), np.sin(elevation)]
-    )
+    shown = light.model_copy(update={"sun_elevation_deg": elevation_deg})
+    direction, elevation = np.array(shown.to_sun_enu), np.radians(elevation_deg)
     air_mass = 1.0 / (np.sin(elevation) + 0.15 * (elevation_deg + 3.885) ** -1.253)  # Kasten (1965)
     sun = 1.6 * np.exp(-np.array([0.06, 0.11, 0.20]) * air_mass)
     clear = np.clip(light.visibility_m / 4000.0, 0.0, 1.0) ** 0.5

@@ -128,7 +128,7 @@ def test_a_check_in_the_tour_is_the_cheapest_of_what_could_be_done(records):
     """Its price is by how much it lengthens the way; leaving the scan has its three prices."""
     scanned = max(r["t"] for r in of_kind(records, EventKind.WAYPOINT_REACHED))
     tour = [r for r in of_kind(records, EventKind.CHECK_STARTED) if r["t"] > scanned]
-    assert len(tour) >= 3
+    assert len(tour) >= 2
     for record in tour:
         assert record["alternatives"][0][0].startswith("look from"), record
 

@@ -1,7 +1,5 @@
 """What the belief strategy learns of how targets look here, and when it says so."""
 
-import math
-
 import numpy as np
 import pytest
 from tests.strategies.belief.test_hypotheses import PLACE, above
@@ -49,7 +47,7 @@ def test_a_shift_weighs_as_another_mean_of_the_offset_would():
     signs = Hypotheses(context_of(), "stop sign", BeliefParameters())
     belief = signs.fresh()
     for _ in range(6):
-        signs.look(belief, above(12.0), PLACE, math.inf, 1.75, widened=1.0, others=0)
+        signs.look(belief, above(12.0), PLACE, 1.75, widened=1.0, others=0)
     usual, _, _, total, weight = signs.evidence(belief, 0.0)
     assert total < 0.0 < weight
     assert signs.evidence(belief, -0.3)[0] > usual > signs.evidence(belief, 0.3)[0]

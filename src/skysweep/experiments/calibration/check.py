@@ -31,9 +31,11 @@ EDGES: dict[str, tuple[float, ...]] = {
     "cut share": (0, 0.01, 0.25, 0.5, 0.75),
     "upper, lower edge (0, 1)": (0, 1, 2),
     "beside a crown (0, 1)": (0, 1, 2),
+    "in the shade (share)": (0, 0.01, 0.5, 0.99, 1.01),
     "blur over pixels": (0, 0.05, 0.15, 0.4, 1.0),
     "contrast (CIE76)": (0, 15, 25, 35, 50, 150),
     "others in the picture": (0, 1, 3, 10, 30, 300),
+    "focal length (octaves)": (0, 0.01, 1, 2, 3.01),
 }
 
 
@@ -93,9 +95,11 @@ def tell(looks: ScoredLooks, factors: F64, keys: list[Key]) -> Told:
         "cut share": looks.cut[rows],
         "upper, lower edge (0, 1)": looks.edge_y[rows],
         "beside a crown (0, 1)": looks.beside[rows],
+        "in the shade (share)": looks.shade[rows],
         "blur over pixels": factors[rows, NAMES.index("blur")],
         "contrast (CIE76)": np.maximum(contrast, 0.0),
         "others in the picture": looks.others[rows],
+        "focal length (octaves)": looks.lens_octaves[rows],
     }
     subject, confidences = looks.subject[rows], looks.confidences[rows, class_index]
     chances = (np.clip(part, LEAST, 1 - LEAST) for part in (chance, rate))

@@ -29,7 +29,7 @@ _COLOURS = dict(zip(CLASSES, ("#D55E00", "#0072B2", "#009E73"), strict=True))
 _COLUMNS = 4
 _MIN_LOOKS = 8
 _USUAL_LOOKS = 200  # over which the lines average
-_NO_SHIFT = np.zeros((1, len(FACTORS) + len(SURFACES)))
+_NO_SHIFT = np.zeros((1, len(FACTORS) + 1 + len(SURFACES)))
 _DISTRACTORS = [kind for kind in DEFAULT_SIZE_M if kind not in CLASSES]
 
 

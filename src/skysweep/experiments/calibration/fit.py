@@ -1,34 +1,29 @@
 """From looks to the numbers of the statistical sensor.
 
 The score of a look is normal. Its mean is smooth over log pixels (second differences are penalised: Eilers
-and Marx, Statistical Science 11, 1996) plus linear factors and one shift for each ground. Looks without a
-report are censored at the floor of the experiment. Each kind, pose and class is fitted by penalised maximum
-likelihood twice: first on its own, then with the means over all kinds as priors (partial pooling).
+and Marx, Statistical Science 11, 1996) plus linear factors, one shift for each octave of the focal length and
+one for each ground. Looks without a report are censored at the floor of the experiment. Each kind, pose and
+class is fitted by penalised maximum likelihood twice: first on its own, then with the means over all kinds as
+priors (partial pooling).
 
-Looks at one object, and looks of one pass, share a part of the score's variance, and of the lapses. These
-shares do not affect the fit of single looks. They are estimated from the likelihood of pairs of looks
-(composite likelihood: Varin, Reid and Firth, Statistica Sinica 21, 2011). Two looks share one draw for a part
-of their lapses: below the smaller of these parts both lapse, between the two only the look with the larger.
+What looks have in common (``shares.py``) does not affect the fit of single looks.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.optimize import minimize, nnls
-from scipy.special import expit, gamma, log_ndtr, ndtr
+from scipy.optimize import minimize, minimize_scalar, nnls
+from scipy.special import expit, gamma, ndtr
 from scipy.stats import weibull_min
 
 from skysweep.arrays import I64
 from skysweep.experiments.calibration.looks import (
     CLASSES,
     CONFIDENCE_FLOOR,
-    PASS_LOOKS,
     SUBJECTS,
     SURFACES,
     Background,
@@ -39,7 +34,6 @@ from skysweep.sensing.statistical.factors import (
     CONTRAST_UNIT,
     CONTRAST_USUAL,
     FACTORS,
-    NAMES,
     factors_of_look,
 )
 from skysweep.sensing.statistical.model import BackgroundModel, BoxModel, ContrastModel, KindModel, score_of
@@ -59,33 +53,24 @@ _SLOPE_STD = 0.5  # of the first differences: the mean stays constant where noth
 _MEAN = (-1.0, 2.0)  # prior of the mean
 _SPREAD_STD = 0.4  # prior of the log spread
 _USUAL_SPREAD = 0.4
-_SHIFT_MEAN, _SHIFT_STD = np.array([f.prior for f in FACTORS] + [(0.0, 0.5)] * len(SURFACES)).T
+_LENS, _GROUND = (0.0, 0.2), (0.0, 0.5)  # priors: mean and standard deviation, as those of the FACTORS
+_N_FACTORS = len(FACTORS)
+_SHIFT_MEAN, _SHIFT_STD = np.array([f.prior for f in FACTORS] + [_LENS] + [_GROUND] * len(SURFACES)).T
 _LAPSE = (-3.5, 2.0)  # prior of its logit
 _LIMITS = (
     [(-9.0, 9.0)] * len(GRID_PX)
     + [(-2.3, 0.7)] * 3
     + [(-f.limit, f.limit) for f in FACTORS]
-    + [(-6.0, 6.0)] * len(SURFACES)
+    + [(-6.0, 6.0)] * (1 + len(SURFACES))
     + [(-9.0, 2.0)] * 3
 )
 _N = len(GRID_PX)
 _FIRST_SHIFT = _N + len(_SPREAD_KNOTS_PX)
-_LAPSE_AT = _FIRST_SHIFT + len(FACTORS) + len(SURFACES)
-_PAIR_REACH = 16  # looks at an object that are further apart in the list are not paired
-_PAIR_WEIGHT = 0.2
-_MAX_PAIRS = 4000
-_SHARES = np.linspace(0.0, 0.9, 19)
-_SHARE_STD = 0.15
-_USUAL_SHARES = (0.3, 0.3)
-_LAPSE_SHARES = np.linspace(0.0, 1.0, 11)
-_LAPSE_SHARE_STD = 0.25
-_USUAL_LAPSE_SHARES = (0.5, 0.3)
+_LAPSE_AT = _FIRST_SHIFT + len(_SHIFT_MEAN)
 _RATE_CURVE_STD, _RATE_SLOPE_STD = 0.5, 1.0  # of differences of the log rate, an octave of altitude apart
 _SCALE_CURVE_STD, _SCALE_SLOPE_STD = 0.3, 0.3  # and of the log of the mean score
 _SHAPE_STD = 0.3  # of the log of the scores' shape
 _GROUND_STD = 1.2  # prior of the log factors of a surface and of trees
-_FADES_PX = (4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0, 1024.0)
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +79,7 @@ class ScoreCurve:
 
     mean: F64  # (G,)
     log_spread: F64  # (3,)
-    shifts: F64  # (S,) of the mean: FACTORS, then SURFACES
+    shifts: F64  # (S,) of the mean: FACTORS, the lens, then SURFACES
     lapse_logit: F64  # (3,)
 
     @property
@@ -124,7 +109,7 @@ Key = tuple[int, int]  # index in SUBJECTS, index in CLASSES
 
 
 def factors_of(looks: ScoredLooks) -> F64:
-    """(N, S): FACTORS, then 1 for the ground among SURFACES.
+    """(N, S): FACTORS, octaves of the lens, then 1 for the ground among SURFACES.
 
     Colours that were not measured are set to the mean of the kind on this ground.
     """
@@ -135,13 +120,17 @@ def factors_of(looks: ScoredLooks) -> F64:
         colour[rows & np.isnan(colour)] = known.mean() if len(known) else CONTRAST_USUAL
     contrast = np.clip((colour - CONTRAST_USUAL) / CONTRAST_UNIT, *CONTRAST_LIMITS)
     seen = (looks.view, looks.front, looks.pixels, looks.hidden, looks.cut, looks.edge_y > 0.0, looks.beside)
-    rows = zip(*seen, looks.blur_px, contrast, looks.others, strict=True)
+    rows = zip(*seen, looks.shade, looks.blur_px, contrast, looks.others, strict=True)
     factors = np.array([factors_of_look(*look) for look in rows]).reshape(-1, len(FACTORS))
-    return np.hstack([factors, np.eye(len(SURFACES))[looks.surface]])
+    return np.hstack([factors, looks.lens_octaves[:, None], np.eye(len(SURFACES))[looks.surface]])
 
 
 def fit_curves(looks: ScoredLooks, factors: F64) -> dict[Key, ScoreCurve]:
-    """The curve of each kind and pose for each class that it is reported as."""
+    """The curve of each kind and pose for each class that it is reported as.
+
+    Looks through other lenses than the calibrated one decide what the lens does, and nothing else.
+    """
+    lens = looks.lens_octaves
     keys = [
         (subject, c)
         for subject in range(len(SUBJECTS))
@@ -151,9 +140,11 @@ def fit_curves(looks: ScoredLooks, factors: F64) -> dict[Key, ScoreCurve]:
     priors, curves = FIRST_PRIORS, dict[Key, ScoreCurve]()
     for _ in range(2):
         for subject, c in keys:
-            rows = looks.subject == subject
-            mine = looks.where(rows)
-            curves[subject, c] = fit_curve(mine.pixels, factors[rows], mine.confidences[:, c], priors)
+            mine = looks.subject == subject
+            usual, other = mine & (lens == 0.0), mine & (lens != 0.0)
+            curve = fit_curve(looks.pixels[usual], factors[usual], looks.confidences[usual, c], priors)
+            seen_so = looks.pixels[other], factors[other], looks.confidences[other, c]
+            curves[subject, c] = _with_lens(curve, *seen_so, priors)
         if keys:
             n = [((looks.subject == s) & (looks.confidences[:, c] > 0)).sum() for s, c in keys]
             weights = np.minimum(n, 300.0)
@@ -220,10 +211,31 @@ def fit_curve(pixels: F64, factors: F64, confidences: F64, priors: Priors = FIRS
     start[_N:_FIRST_SHIFT], start[_FIRST_SHIFT:_LAPSE_AT] = priors
     best = minimize(cost, start, jac=True, method="L-BFGS-B", bounds=_LIMITS, options={"maxiter": 400}).x
     mean, shifts = best[:_N], best[_FIRST_SHIFT:_LAPSE_AT]
-    usual = factors[:, len(FACTORS) :].mean(axis=0) @ shifts[len(FACTORS) :]
+    grounds = np.s_[_N_FACTORS + 1 :]
+    usual = factors[:, grounds].mean(axis=0) @ shifts[grounds]
     mean += usual
-    shifts[len(FACTORS) :] -= usual
+    shifts[grounds] -= usual
     return ScoreCurve(mean, best[_N:_FIRST_SHIFT], shifts, best[_LAPSE_AT:])
+
+
+def _with_lens(curve: ScoreCurve, pixels: F64, factors: F64, confidences: F64, priors: Priors) -> ScoreCurve:
+    """The curve with the shift for an octave of the focal length that makes looks (N,) most likely."""
+    seen = confidences > 0
+    score = score_of(np.where(seen, confidences, 0.5))
+    mean, spread, lapse = curve.at(pixels, factors)
+    octaves, usual = factors[:, _N_FACTORS], priors[1][_N_FACTORS]
+    mean = mean - octaves * curve.shifts[_N_FACTORS]
+
+    def cost(shift: float) -> float:
+        middle = mean + octaves * shift
+        reported = -0.5 * ((score - middle) / spread) ** 2 - np.log(spread) + np.log1p(-lapse)
+        missed = np.log(lapse + (1.0 - lapse) * ndtr((FLOOR_SCORE - middle) / spread))
+        likely = float(np.where(seen, reported, missed).sum())
+        return 0.5 * ((shift - float(usual)) / _LENS[1]) ** 2 - _LOOK_WEIGHT * likely
+
+    shifts = curve.shifts.copy()
+    shifts[_N_FACTORS] = minimize_scalar(cost, bounds=(-1.0, 1.0), method="bounded").x
+    return replace(curve, shifts=shifts)
 
 
 def _hats(x: Sequence[float] | F64, grid: Sequence[float]) -> F64:
@@ -237,189 +249,12 @@ def _smoothness(nodes: int, curve_std: float, slope_std: float) -> F64:
     return np.vstack([np.diff(slopes, axis=0) / curve_std, slopes / slope_std])
 
 
-# ---- what looks have in common -----------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class Pairs:
-    """Pairs of looks at one object: standardised scores, or the floor where not ``seen``."""
-
-    first: F64
-    second: F64
-    first_seen: NDArray[np.bool_]
-    second_seen: NDArray[np.bool_]
-    moved_px: F64  # from the first to the second; inf for looks of two passes
-    first_lapse: F64
-    second_lapse: F64
-
-    def log_likelihood(self, correlation: F64, lapse_share: F64) -> float:
-        """The log-likelihood of all pairs, given their correlations and shared lapses, both (N,)."""
-        rho = np.broadcast_to(correlation, self.first.shape)
-        shared = lapse_share * np.stack([self.first_lapse, self.second_lapse])
-        alone = (np.stack([self.first_lapse, self.second_lapse]) - shared) / (1.0 - shared)
-        clear, rest = 1.0 - shared.max(axis=0), np.sqrt(1.0 - rho**2)
-        both = self.first_seen & self.second_seen
-        a, b = self.first[both], self.second[both]
-        q = (a * a - 2 * rho[both] * a * b + b * b) / rest[both] ** 2
-        seen = clear[both] * (1.0 - alone[:, both]).prod(axis=0)
-        total = float((-0.5 * q - np.log(rest[both]) + np.log(seen)).sum())
-        for i, j, x, y, only in (
-            (0, 1, self.first, self.second, self.first_seen & ~self.second_seen),
-            (1, 0, self.second, self.first, self.second_seen & ~self.first_seen),
-        ):
-            below = ndtr((y[only] - rho[only] * x[only]) / rest[only])
-            missed = alone[j, only] + (1 - alone[j, only]) * below
-            missed = np.maximum(shared[j, only] - shared[i, only], 0.0) + clear[only] * missed
-            missed *= 1.0 - alone[i, only]
-            total += float((-0.5 * x[only] ** 2 + np.log(np.maximum(missed, 1e-300))).sum())
-        none = ~self.first_seen & ~self.second_seen
-        a, b, (p, q) = self.first[none], self.second[none], alone[:, none]
-        together = (1 - p) * (1 - q) * both_below(a, b, rho[none])
-        missed = p * q + p * (1 - q) * ndtr(b) + q * (1 - p) * ndtr(a) + together
-        first_lapses = shared[0, none] > shared[1, none]
-        other = np.where(first_lapses, q + (1 - q) * ndtr(b), p + (1 - p) * ndtr(a))
-        missed = shared[:, none].min(axis=0) + np.ptp(shared[:, none], axis=0) * other + clear[none] * missed
-        return total + float(np.log(np.maximum(missed, 1e-300)).sum())
-
-
-def both_below(a: F64, b: F64, correlation: F64) -> F64:
-    """Chance that two normals with this correlation are below a and b (Drezner and Wesolowsky, 1990)."""
-    t = correlation[:, None] * (_NODES + 1) / 2
-    rest = 1.0 - t * t
-    a_, b_ = a[:, None], b[:, None]
-    density = np.exp(-(a_ * a_ - 2 * t * a_ * b_ + b_ * b_) / (2 * rest)) / np.sqrt(rest)
-    return np.asarray(np.exp(log_ndtr(a) + log_ndtr(b)) + correlation / (4 * np.pi) * (density @ _WEIGHTS))
-
-
-def pairs_of(looks: ScoredLooks, factors: F64, curve: ScoreCurve, c: int) -> tuple[Pairs, Pairs]:
-    """Pairs of looks at one object from two passes, and from one pass."""
-    mean, spread, lapse = curve.at(looks.pixels, factors)
-    seen = looks.confidences[:, c] > 0
-    score = np.where(seen, score_of(np.where(seen, looks.confidences[:, c], 0.5)), FLOOR_SCORE)
-    z = np.clip((score - mean) / spread, -4.0, 6.0)
-    order = np.lexsort((looks.picture, looks.instance))
-    instance, picture = looks.instance[order], looks.picture[order]
-    apart, together = [], []
-    for lag in range(1, _PAIR_REACH):
-        same = instance[lag:] == instance[:-lag]
-        one_pass = picture[lag:] // PASS_LOOKS == picture[:-lag] // PASS_LOOKS
-        pairs = np.column_stack([order[:-lag], order[lag:]])
-        apart.append(pairs[same & ~one_pass])
-        together.append(pairs[same & one_pass])
-
-    def made(chosen: list[I64], near: bool) -> Pairs:
-        rows = np.concatenate(chosen)
-        rows = rows[:: -(-len(rows) // _MAX_PAIRS) or 1]
-        i, j = rows[:, 0], rows[:, 1]
-        moved = np.abs(looks.places_px[i] - looks.places_px[j]).sum(axis=1)
-        moved = moved + np.abs(looks.pixels[i] - looks.pixels[j]) if near else np.full(len(i), np.inf)
-        return Pairs(z[i], z[j], seen[i], seen[j], moved, lapse[i], lapse[j])
-
-    return made(apart, near=False), made(together, near=True)
-
-
-class Shares(NamedTuple):
-    """What looks have in common: parts of the score's variance, and of the lapses."""
-
-    of_object: float
-    of_pass: float
-    lapse_of_object: float
-    lapse_of_pass: float
-
-
-def fit_shares(
-    looks: ScoredLooks, factors: F64, curves: dict[Key, ScoreCurve]
-) -> tuple[dict[Key, Shares], float]:
-    """What looks at each kind have in common, and the pixels over which the pass's part of it fades."""
-    pairs = {
-        (s, c): pairs_of(looks.where(looks.subject == s), factors[looks.subject == s], curve, c)
-        for (s, c), curve in curves.items()
-    }
-    own = _pooled(
-        {
-            k: np.array(
-                [[p[0].log_likelihood(np.array(r), np.array(s)) for s in _LAPSE_SHARES] for r in _SHARES]
-            )
-            for k, p in pairs.items()
-        },
-        (_USUAL_SHARES[0], _USUAL_LAPSE_SHARES[0]),
-    )
-    best, best_value = (dict[Key, tuple[float, float]](), _FADES_PX[0]), -np.inf
-    for fade in _FADES_PX:
-        tables = {k: _of_passes(p[1], *own[k], np.exp(-p[1].moved_px / fade)) for k, p in pairs.items()}
-        value = sum(float(table.max()) for table in tables.values())
-        if value > best_value:
-            best, best_value = (_pooled(tables, (_USUAL_SHARES[1], _USUAL_LAPSE_SHARES[1])), fade), value
-    passes, fade = best
-    return {
-        k: Shares(own[k][0], min(r, 0.95 - own[k][0]), own[k][1], min(s, 1.0 - own[k][1]))
-        for k, (r, s) in passes.items()
-    }, fade
-
-
-def _of_passes(pairs: Pairs, own: float, own_lapse: float, kept: F64) -> F64:
-    """Log-likelihoods of pairs of one pass over shares of the pass, of the score and of lapses.
-
-    Of a pass that fades the lapses in common are right to first order: rare lapses.
-    """
-    return np.array(
-        [
-            [
-                pairs.log_likelihood(
-                    np.minimum(own + min(r, 0.95 - own) * kept, 0.95),
-                    own_lapse + min(s, 1.0 - own_lapse) * kept,
-                )
-                for s in _LAPSE_SHARES
-            ]
-            for r in _SHARES
-        ]
-    )
-
-
-def _pooled(tables: dict[Key, F64], usual: tuple[float, float]) -> dict[Key, tuple[float, float]]:
-    """The best shares of score and lapses for each kind, drawn towards the best for all."""
-    if not tables:
-        return {}
-    centre = _best(np.sum([*tables.values()], axis=0), usual)
-    return {k: _best(table, centre) for k, table in tables.items()}
-
-
-def _best(table: F64, centre: tuple[float, float]) -> tuple[float, float]:
-    """The shares, of those in a table (R, S) of log-likelihoods, that are most likely with their prior."""
-    of_score = ((_SHARES - centre[0]) / _SHARE_STD) ** 2
-    of_lapses = ((_LAPSE_SHARES - centre[1]) / _LAPSE_SHARE_STD) ** 2
-    r, s = np.unravel_index(
-        np.argmax(_PAIR_WEIGHT * table - 0.5 * (of_score[:, None] + of_lapses)), table.shape
-    )
-    return float(_SHARES[r]), float(_LAPSE_SHARES[s])
-
-
 # ---- the rest of the model ---------------------------------------------------------------------------
-
-
-def kind_model(key: Key, curve: ScoreCurve, shares: Shares) -> KindModel:
-    """One kind as the model's file holds it."""
-    kind, pose = SUBJECTS[key[0]]
-    shifts = curve.shifts.round(3).tolist()
-    return KindModel(
-        kind=kind,
-        pose=pose,
-        reported_as=CLASSES[key[1]],
-        score=curve.mean.round(3).tolist(),
-        spread=curve.spread.round(3).tolist(),
-        **dict(zip(NAMES, shifts, strict=False)),
-        grounds=dict(zip(SURFACES, shifts[len(FACTORS) :], strict=True)),
-        lapse=curve.lapse.round(4).tolist(),
-        object_share=round(shares.of_object, 3),
-        pass_share=round(shares.of_pass, 3),
-        lapse_object_share=round(shares.lapse_of_object, 3),
-        lapse_pass_share=round(shares.lapse_of_pass, 3),
-    )
 
 
 def shifts_of(kind: KindModel) -> F64:
     """(S,) in the order of ``ScoreCurve.shifts``."""
-    return np.array([*kind.factors, *(kind.grounds.get(surface, 0.0) for surface in SURFACES)])
+    return np.array([*kind.factors, kind.lens, *(kind.grounds.get(surface, 0.0) for surface in SURFACES)])
 
 
 def contrast_models(looks: ScoredLooks) -> list[ContrastModel]:

@@ -274,7 +274,7 @@ def _looks(subjects: list[int], looks: list[tuple[int, float, F64, F64, F64]]) -
         "surface": np.zeros(n, dtype=int),
         "picture": 2 * np.arange(n),
         "pixels": np.array([look[1] for look in looks]),
-        "places_px": np.array([look[2] for look in looks]).reshape(n, 2),
+        "sight": np.tile([0.0, 0.0, 1.0], (n, 1)),
         "colour": np.full(n, np.nan),
         "confidences": np.array([look[3] for look in looks]).reshape(n, len(CLASSES)),
         "offsets_px": np.array([look[4] for look in looks]).reshape(n, len(CLASSES), 2),

@@ -3,8 +3,9 @@
 Each world has one kind of ground, one light and objects of held-out looks on a loose grid, many of them
 beside trees that hide a part of them. Each pass is aimed at one object at a chosen number of pixels and takes
 two looks, the second a chosen step further on. The camera moves so that the picture is blurred by a chosen
-length. All other objects in view are scored as well. Reports on no object are background. They are rare, so
-the last third of the pictures shows background alone.
+length. All other objects in view are scored as well. Some worlds are seen through longer lenses: the
+same pixels on target from farther away. Reports on no object are background. They are rare, so the last third
+of the pictures shows background alone.
 """
 
 from __future__ import annotations
@@ -34,7 +35,14 @@ from skysweep.scenarios.model import (
     TargetClass,
 )
 from skysweep.sensing.cameras.exposing import exposing
-from skysweep.sensing.statistical.factors import BLUR_MAX, COMPANY_PX, CUT_MIN, HIDDEN_MAX, VIEW_MAX
+from skysweep.sensing.statistical.factors import (
+    BLUR_MAX,
+    COMPANY_PX,
+    CUT_MIN,
+    HIDDEN_MAX,
+    LENS_OCTAVES,
+    VIEW_MAX,
+)
 from skysweep.types import F64, U8, Detections, Frame
 from skysweep.worlds.occlusion import Occluders, middle_enu_m, pixels_on_target, shape_of
 from skysweep.worlds.rendering.renderer import Renderer, make_renderer, refuse_unrenderable
@@ -47,12 +55,14 @@ PASSES_PER_WORLD = 20
 PICTURES_PER_WORLD = PASS_LOOKS * PASSES_PER_WORLD
 EMPTY_SHARE = 0.3  # of the passes show no object
 BACKGROUND_SHARE = 1 / 3  # of the pictures, the last ones, come from passes without objects alone
+LENS_SHARE = 0.25  # of the worlds with objects, seen through another lens
 EDGE_SHARE = 0.4  # of the other passes begin with an object cut by the picture's edge
 PIXELS = (4.0, 220.0)
-STEP_PX = (0.5, 120.0)  # by which the picture shifts between two looks of a pass
+STEP_PX = (0.5, 240.0)  # by which the picture shifts between two looks of a pass
 BLUR_PX = (0.05, 6.0)
 MIN_HEIGHT_M = 1.2
 MAX_HEIGHT_M = 250.0
+MAX_HEIGHT_OF_LENSES_M = 120.0  # through others than the calibrated one, as high as they are flown
 MAX_TILT_DEG = 35.0
 NADIR_SHARE = 0.6
 HIT_RADIUS = 0.6  # of the object's pixels
@@ -147,13 +157,15 @@ class ScoredLooks:
     surface: I64  # (N,) index in SURFACES
     picture: I64  # (N,) number of the picture within its world; a pass is PASS_LOOKS of them
     pixels: F64  # (N,) on target
-    places_px: F64  # (N, 2) of the object in the picture
+    sight: F64  # (N, 3) from the object to the camera, in ENU, of length 1
+    lens_octaves: F64  # (N,) log2 of the focal length over the calibrated camera's
     view: F64  # (N,) factors as in ``statistical_model.KindModel``
     front: F64  # (N,)
     hidden: F64  # (N,)
     cut: F64  # (N,)
     edge_y: F64  # (N,) 1 where the upper or lower edge cuts it, else 0
     beside: F64  # (N,)
+    shade: F64  # (N,)
     blur_px: F64  # (N,)
     others: F64  # (N,) other objects in the picture that span COMPANY_PX
     colour: F64  # (N,) difference to the ground (CIE76), the object's mean; NaN where not measured
@@ -164,7 +176,7 @@ class ScoredLooks:
         return ScoredLooks(*(getattr(self, f.name)[chosen] for f in fields(ScoredLooks)))
 
 
-_SHAPES = {"places_px": (2,), "confidences": (len(CLASSES),), "offsets_px": (len(CLASSES), 2)}
+_SHAPES = {"sight": (3,), "confidences": (len(CLASSES),), "offsets_px": (len(CLASSES), 2)}
 _LOOK = [  # name, type and shape of each field of one look
     (f.name, int if f.type == "I64" else float, _SHAPES.get(f.name, ())) for f in fields(ScoredLooks)
 ]
@@ -193,6 +205,7 @@ class WorldJob:
 
     model_path: str
     camera: CameraModel
+    lens_octaves: float  # of its focal length over the calibrated camera's
     layout: WorldLayout
     empty_share: float
     index: int
@@ -221,14 +234,15 @@ def observe(
         )
     YoloDetector(model_path)  # raises an error once, before anything is rendered
     refuse_unrenderable(camera)
-    results: dict[int, tuple[ScoredLooks, Background]] = {}
-    done = 0
+    looks, backgrounds, done = dict[int, ScoredLooks](), dict[int, Background](), 0
     for job, result in run_jobs(look_around, plan_jobs(model_path, camera, pictures, seed, without), workers):
-        results[job.index] = result
+        looks[job.index], background = result
+        if not job.lens_octaves:
+            backgrounds[job.index] = background
         done += job.n_pictures
         progress(done, pictures)
-    looks, backgrounds = zip(*(results[index] for index in sorted(results)), strict=True)
-    return _join_looks(looks), _join_background(backgrounds)
+    in_order = [looks[index] for index in sorted(looks)]
+    return _join_looks(in_order), _join_background([backgrounds[index] for index in sorted(backgrounds)])
 
 
 def plan_jobs(
@@ -248,9 +262,24 @@ def plan_jobs(
         n = min(left, PICTURES_PER_WORLD)
         empty_share = EMPTY_SHARE if left > BACKGROUND_SHARE * pictures else 1.0
         empty_share = 0.0 if without else empty_share
-        jobs.append(WorldJob(model_path, camera, layouts[chosen], empty_share, len(jobs), n, seed))
+        octaves = _lens_octaves(len(jobs), seed) if empty_share < 1.0 else 0.0
+        empty_share = 0.0 if octaves else empty_share
+        through = _with_lens(camera, octaves)
+        jobs.append(WorldJob(model_path, through, octaves, layouts[chosen], empty_share, len(jobs), n, seed))
         left -= n
     return jobs
+
+
+def _lens_octaves(index: int, seed: int) -> float:
+    """Of the lens through which a world is seen, 0 for the calibrated one, which the first world has."""
+    rng = np.random.default_rng([seed, index, 71])
+    return float(rng.uniform(*LENS_OCTAVES)) if index and rng.random() < LENS_SHARE else 0.0
+
+
+def _with_lens(camera: CameraModel, octaves: float) -> CameraModel:
+    """The camera with a focal length so many octaves longer."""
+    half = math.atan(math.tan(camera.hfov_rad / 2.0) * 2.0**-octaves)
+    return camera.model_copy(update={"hfov_rad": 2.0 * half}) if octaves else camera
 
 
 def look_around(job: WorldJob) -> tuple[ScoredLooks, Background]:
@@ -262,7 +291,7 @@ def look_around(job: WorldJob) -> tuple[ScoredLooks, Background]:
     renderer = make_renderer(world)
     expose = exposing(c, renderer, int(rng.integers(2**31)))
     detector = YoloDetector(job.model_path, None, confidence_min=CONFIDENCE_FLOOR, iou_max=_IOU_MAX)
-    scorer = Scorer(world, lens, c.exposure_s)
+    scorer = Scorer(world, lens, c.exposure_s, job.lens_octaves)
     number = 0
     while number < job.n_pictures:
         poses, velocity = _pass(world, job, rng)
@@ -354,7 +383,8 @@ def _pass(world: World, job: WorldJob, rng: np.random.Generator) -> tuple[list[C
     """The camera poses of a pass and the velocity that blurs its pictures."""
     lens, exposure_s = job.camera.lens, job.camera.exposure_s
     empty = rng.random() < job.empty_share
-    first, distance = _empty_view(world, rng) if empty else _view(world, lens, rng)
+    highest_m = MAX_HEIGHT_OF_LENSES_M if job.lens_octaves else MAX_HEIGHT_M
+    first, distance = _empty_view(world, rng) if empty else _view(world, lens, highest_m, rng)
     step_px = float(np.exp(rng.uniform(*np.log(STEP_PX))))
     direction = rng.normal(size=3) * [1.0, 1.0, 0.5]
     step = direction / np.linalg.norm(direction) * step_px * distance / lens.focal_px
@@ -370,7 +400,7 @@ def _pass(world: World, job: WorldJob, rng: np.random.Generator) -> tuple[list[C
     return poses, across / np.linalg.norm(across) * blur_px * distance / (lens.focal_px * exposure_s)
 
 
-def _view(world: World, lens: Lens, rng: np.random.Generator) -> tuple[CameraPose, float]:
+def _view(world: World, lens: Lens, highest_m: float, rng: np.random.Generator) -> tuple[CameraPose, float]:
     """A pose from which an object spans a log-uniform number of pixels, and the object's depth in metres."""
     while True:
         thing = world.objects[int(rng.integers(len(world.objects)))]
@@ -390,7 +420,7 @@ def _view(world: World, lens: Lens, rng: np.random.Generator) -> tuple[CameraPos
         shows_px = pixels_on_target(lens.focal_px, shape_of(thing), thing.size_m, east, north, up, depth)
         depth *= shows_px / wanted  # not all of it shows
         position = middle - ray * depth
-        if MIN_HEIGHT_M <= position[2] <= MAX_HEIGHT_M and not _inside_tree(world, position):
+        if MIN_HEIGHT_M <= position[2] <= highest_m and not _inside_tree(world, position):
             return CameraPose(position, R), float(depth)
 
 
@@ -424,10 +454,12 @@ def _inside_tree(world: World, position: F64) -> bool:
 class Scorer:
     """Assigns reports to the objects in view of one world. Reports on no object are background."""
 
-    def __init__(self, world: World, lens: Lens, exposure_s: float) -> None:
+    def __init__(self, world: World, lens: Lens, exposure_s: float, lens_octaves: float) -> None:
         self._world, self._lens, self._exposure_s = world, lens, exposure_s
+        self._lens_octaves = lens_octaves
         self._occluders = Occluders(world)
         self._beside = [self._occluders.is_beside_a_crown(o) for o in world.objects]
+        self._shades = [self._occluders.shade(o) for o in world.objects]
         self._places = np.array([middle_enu_m(o) for o in world.objects])
         self._feet = np.array([o.position_enu_m for o in world.objects])
         self._sizes_m = np.array([o.size_m for o in world.objects])
@@ -500,7 +532,7 @@ class Scorer:
             cut = 1.0 - float(inside[i].prod())
             x, y, z = pose.position_enu_m - self._places[i]
             away = math.sqrt(x * x + y * y + z * z)
-            view = (x * x + y * y) / away**2
+            sight, view = np.array([x, y, z]) / away, (x * x + y * y) / away**2
             front = (math.cos(thing.yaw_rad) * x + math.sin(thing.yaw_rad) * y) / away
             shift = np.array([-velocity[0] / depths[i] - rates[1], -velocity[1] / depths[i] + rates[0]])
             blur_px = float(lens.focal_px * self._exposure_s * np.linalg.norm(shift))
@@ -515,8 +547,19 @@ class Scorer:
             subject, edge_y = SUBJECTS.index((thing.kind, thing.pose)), inside[i, 1] < 1.0 - CUT_MIN
             self._looks.append(  # the world and the colour are known at the end
                 (
-                    *(subject, i, -1, self._surface, number, pixels[i], centres[i], view, front, hidden, cut),
-                    *(edge_y, self._beside[i], blur_px, others - is_company[i], np.nan, confidences, offsets),
+                    *(subject, i, -1, self._surface, number, pixels[i], sight, self._lens_octaves, view),
+                    *(
+                        front,
+                        hidden,
+                        cut,
+                        edge_y,
+                        self._beside[i],
+                        self._shades[i],
+                        blur_px,
+                        others - is_company[i],
+                        np.nan,
+                    ),
+                    *(confidences, offsets),
                 )
             )
 

@@ -18,10 +18,9 @@ from skysweep.experiments.calibration.fit import (
     fit_background,
     fit_box,
     fit_curves,
-    fit_shares,
-    kind_model,
 )
 from skysweep.experiments.calibration.looks import CLASSES, CONFIDENCE_FLOOR, SUBJECTS, observe
+from skysweep.experiments.calibration.shares import fit_shares, kind_model
 from skysweep.files.writing import whole_files
 from skysweep.scenarios.model import OWN_DETECTORS, CameraModel, DetectorModel
 from skysweep.sensing.statistical.model import (
@@ -56,7 +55,7 @@ def calibrate(
     looks, background = observe(model, camera, pictures, seed, workers, progress, known)
     factors = factors_of(looks)
     curves = fit_curves(looks, factors)
-    shares, fade_px = fit_shares(looks, factors, curves)
+    shares, fade_scale = fit_shares(looks, factors, curves)
     told = tell(looks, factors, list(curves))
     kinds = [kind_model(key, curve, shares[key]) for key, curve in curves.items()]
     name, n = model if model in OWN_DETECTORS.values() else Path(model).name, len(looks.pixels)
@@ -66,7 +65,7 @@ def calibrate(
         camera=CalibratedCamera(**camera.model_dump(include=set(CalibratedCamera.model_fields))),
         experiment=Experiment(pictures=pictures, seed=seed, looks=n, confidence_floor=CONFIDENCE_FLOOR),
         pixels=list(GRID_PX),
-        fade_px=fade_px,
+        fade_scale=fade_scale,
         box=fit_box(looks),
         kinds=kinds,
         contrasts=contrast_models(looks),

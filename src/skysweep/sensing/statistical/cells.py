@@ -2,8 +2,8 @@
 
 Every look at a cell is taken as one that missed: the chance that all of them miss a target there is what is
 left to 1. The sensor model says how well a look sees a target that stands alone; what looks of one target
-have in common is kept by the belief of its luck (``luck.py``), so that ten looks in passing count less than
-ten independent ones.
+have in common is kept by the belief of its luck (``luck.py``), so that ten looks from one side count less
+than ten independent ones.
 
 A target is one of several *variants*, equally probable within its class: a pose, its smallest and largest
 size and, standing with a front that matters, the four sides it may face. All classes count alike.
@@ -24,7 +24,7 @@ from skysweep.arrays import F64, I64
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraMotion, CameraPose
 from skysweep.geometry.point_tree import PointTree, in_view
-from skysweep.scenarios.model import CameraModel, DetectorModel
+from skysweep.scenarios.model import CameraModel, DetectorModel, Light
 from skysweep.sensing.statistical.factors import (
     CONTRAST_LIMITS,
     CONTRAST_UNIT,
@@ -45,6 +45,7 @@ from skysweep.worlds.occlusion import (
     middle_above_ground_m,
     pixels_on_target,
     relief,
+    shades,
     visible_share,
 )
 from skysweep.worlds.world import TerrainSurface
@@ -63,9 +64,10 @@ VARIANT = np.dtype(
         ("facing", float, 2),  # cosine and sine of its yaw; 0 where its front does not matter
         ("contrast", float),
         ("object_share", float),
-        ("pass_share", float),
+        ("aspect_share", float),
+        ("fade_rad", float),
         ("lapse_object_share", float),
-        ("lapse_pass_share", float),
+        ("lapse_aspect_share", float),
         ("unsure", float),  # of the mean score, the same in every look of a target
         ("factors", float, _N_FACTORS),
     ]
@@ -76,8 +78,9 @@ class SearchedCells:
     """The chance of a report of a target in the middle of each cell of a grid, updated by every look.
 
     ``centres_enu_m`` (R, C, 3) are on the ground, by row from south to north; ``wanted`` (R, C) are the cells
-    that count; ``solids`` those of ``worlds.occlusion``; ``sizes_m`` and ``poses`` those of each searched
-    class. Raises UserError where the model does not know one of the classes.
+    that count; ``solids`` those of ``worlds.occlusion``, which cast their shadows in the ``light``;
+    ``sizes_m`` and ``poses`` those of each searched class. Raises UserError where the model does not know one
+    of the classes.
     """
 
     def __init__(
@@ -86,6 +89,7 @@ class SearchedCells:
         wanted: NDArray[np.bool_],
         terrain: TerrainSurface,
         solids: F64,
+        light: Light,
         camera: CameraModel,
         detector: DetectorModel,
         model: StatisticalModel,
@@ -94,6 +98,8 @@ class SearchedCells:
     ) -> None:
         self._wanted, self._centres = wanted, centres_enu_m[wanted]
         self._solids, self._grid, self._relief = solids, Grid.of(solids[:, :2], solids[:, 9]), relief(terrain)
+        to_sun, largest_m = np.array(light.to_sun_enu), max(high for _, high in sizes_m.values())
+        self._shades = shades(self._centres, largest_m, to_sun, solids, *self._grid)
         cover = terrain.cover
         names = (terrain.surface,) if cover is None else cover.names
         self._ground = np.zeros(len(self._centres), dtype=np.int64)
@@ -102,10 +108,11 @@ class SearchedCells:
         view = model.view_of(camera, detector)
         self._tiles = view.tiles_px
         self._optics = (view.focal_px, view.width_px, view.height_px, camera.exposure_s)
-        self._fade_px = model.fade_px
+        self._fade_scale = model.fade_scale
         self._threshold = float(score_of(detector.confidence_min))
         self._log_pixels = np.log(model.pixels)
-        found = [list(_variants(model, surface, sizes_m, poses)) for surface in names]
+        octaves = model.lens_octaves(view)
+        found = [list(_variants(model, surface, octaves, sizes_m, poses)) for surface in names]
         self._weights = np.array([weight for weight, _, _ in found[0]])
         self._tables = np.array([[table for _, table, _ in on_one] for on_one in found])
         variants = np.array([[variant for _, _, variant in on_one] for on_one in found], dtype=VARIANT)
@@ -116,11 +123,7 @@ class SearchedCells:
 
     def clear(self) -> None:
         """Forget all looks."""
-        shape = (len(self._centres), len(self._weights))
-        self._luck = unseen(shape)
-        self._last = np.full((*shape, 2), np.nan)  # u, v in the last look of this passing that counts
-        self._seen_in = np.full(shape, -2)  # number of the last look that has it in the picture
-        self._look_number = 0
+        self._luck = unseen((len(self._centres), len(self._weights)))
 
     @property
     def pod(self) -> F64:
@@ -131,23 +134,21 @@ class SearchedCells:
 
     def promised(self, pose: CameraPose, n_looks: int) -> F64:
         """Share (R, C) of the targets that all looks missed that so many more from there would report."""
-        missed, kept = 1.0 - self.pod, (self._luck, self._last, self._seen_in, self._look_number)
-        self._luck, self._last, self._seen_in = self._luck.copy(), self._last.copy(), self._seen_in.copy()
+        missed, known = 1.0 - self.pod, self._luck
+        self._luck = known.copy()
         for _ in range(n_looks):
             self.look(pose, STILL)
         still_missed = 1.0 - self.pod
-        self._luck, self._last, self._seen_in, self._look_number = kept
+        self._luck = known
         return np.asarray(1.0 - still_missed / np.maximum(missed, 1e-12))
 
     def look(self, pose: CameraPose, motion: CameraMotion) -> None:
         """Take in a picture from there, with this motion of the camera."""
         _look(
             self._luck,
-            self._last,
-            self._seen_in,
-            self._look_number,
             self._centres,
             self._ground,
+            self._shades,
             *self._tree,
             self._solids,
             *self._grid,
@@ -158,19 +159,19 @@ class SearchedCells:
             self._log_pixels,
             self._tiles,
             self._optics,
-            self._fade_px,
+            self._fade_scale,
             self._threshold,
             pose.position_enu_m,
             pose.R_camera_to_enu,
             motion.velocity_mps,
             motion.rates_radps,
         )
-        self._look_number += 1
 
 
 def _variants(
     model: StatisticalModel,
     surface: str,
+    lens_octaves: float,
     sizes_m: Mapping[str, tuple[float, float]],
     poses: Mapping[str, Sequence[str]],
 ) -> Iterator[tuple[float, list[float], tuple[Any, ...]]]:
@@ -186,11 +187,12 @@ def _variants(
         for kind, size_m in itertools.product(kinds, sizes):
             sides = _sides(kind)
             weight = 1.0 / (len(sizes_m) * len(kinds) * len(sizes) * len(sides))
-            table = [*(np.array(kind.score) + kind.grounds.get(surface, 0.0)), *kind.spread, *kind.lapse]
+            table = [*kind.scores(surface, lens_octaves), *kind.spread, *kind.lapse]
             mean, std = model.contrast(kind.kind, kind.pose, surface)
             contrast = float(np.clip((mean - CONTRAST_USUAL) / CONTRAST_UNIT, *CONTRAST_LIMITS))
-            shares = kind.object_share, kind.pass_share, kind.lapse_object_share, kind.lapse_pass_share
-            of_kind = contrast, *shares, kind.contrast * std / CONTRAST_UNIT
+            shares = kind.object_share, kind.aspect_share, kind.fade_rad
+            of_lapses = kind.lapse_object_share, kind.lapse_aspect_share
+            of_kind = contrast, *shares, *of_lapses, kind.contrast * std / CONTRAST_UNIT
             shape = SHAPES.get(kind.pose, FLAT), middle_above_ground_m(kind.kind, kind.pose, size_m)
             for side in sides:
                 yield weight, table, (size_m, *shape, side, *of_kind, kind.factors)
@@ -206,11 +208,9 @@ def _sides(kind: KindModel) -> list[tuple[float, float]]:
 @njit(cache=True)
 def _look(
     luck: F64,
-    last: F64,
-    seen_in: I64,
-    number: int,
     centres: F64,
     ground: I64,
+    shade: F64,
     tree_boxes: F64,
     tree_nodes: I64,
     tree_order: I64,
@@ -226,7 +226,7 @@ def _look(
     log_pixels: F64,
     tiles: F64,
     optics: tuple[float, float, float, float],
-    fade_px: float,
+    fade_scale: float,
     threshold: float,
     eye: F64,
     R: F64,
@@ -261,9 +261,6 @@ def _look(
             half = pixels / 2
             if min(u + half, width) <= max(u - half, 0.0) or min(v + half, height) <= max(v - half, 0.0):
                 continue
-            if seen_in[i, k] != number - 1:
-                last[i, k, 0] = math.nan
-            seen_in[i, k] = number
             at = math.log(pixels)
             if at < log_pixels[0] + math.log(TOO_SMALL):
                 continue
@@ -271,6 +268,8 @@ def _look(
             blur = math.hypot(-velocity[0] / depth - rates[1], -velocity[1] / depth + rates[0])
             across = dx * dx + dy * dy
             away = max(across + dz * dz, 1e-9)
+            distance = math.sqrt(away)
+            x, y, z = -dx / distance, -dy / distance, -dz / distance
             node = 0
             while node < g - 2 and at > log_pixels[node + 1]:
                 node += 1
@@ -296,37 +295,37 @@ def _look(
                     continue
                 factors = factors_of_look(
                     across / away,
-                    -(variant.facing[0] * dx + variant.facing[1] * dy) / math.sqrt(away),
+                    variant.facing[0] * x + variant.facing[1] * y,
                     pixels,
                     1.0 - clear,
                     1.0 - inside,
                     inside_y < 1.0 - CUT_MIN,
                     1.0 if beside_m <= variant.size else 0.0,
+                    shade[i],
                     blur * focal * exposure_s,
                     variant.contrast,
                     0.0,
                 )
-                moved_px = abs(u - last[i, k, 0]) + abs(v - last[i, k, 1])
                 mean = row[node] + w * (row[node + 1] - row[node])
                 for f in range(_N_FACTORS):
                     mean += variant.factors[f] * factors[f]
                 update(
                     luck[i, k],
                     pixels,
-                    moved_px if moved_px == moved_px else math.inf,
-                    fade_px,
+                    (x, y, z),
+                    variant.fade_rad,
+                    fade_scale,
                     mean,
                     row[g + node] + w * (row[g + node + 1] - row[g + node]),
                     row[2 * g + node] + w * (row[2 * g + node + 1] - row[2 * g + node]),
                     variant.object_share,
-                    variant.pass_share,
+                    variant.aspect_share,
                     variant.lapse_object_share,
-                    variant.lapse_pass_share,
+                    variant.lapse_aspect_share,
                     variant.unsure,
                     math.nan,
                     threshold,
                 )
-                last[i, k, 0], last[i, k, 1] = u, v
 
 
 @njit(cache=True)

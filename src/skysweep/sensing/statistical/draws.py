@@ -2,12 +2,12 @@
 
 A sensor is a few arrays that live as long as it does: the records SENSOR, THING, GHOST and GHOST_CLASS, and a
 table with one or more rows for each THING, one for each class that it can be reported as. A row holds G
-scores, G spreads and three times G normal quantiles of lapses (the object's own, of the pass, of the look)
+scores, G spreads and three times G normal quantiles of lapses (the object's own, of the aspect, of the look)
 over the grid of log pixels, then the numbers of the FACTORS, the object's own offset and the weights of the
-pass and of the rest, in standard deviations, and the object's own draw for lapses.
+aspect and of the rest, in standard deviations, the object's own draw for lapses, and how fast aspects fade.
 
-What is common to a pass fades with the motion in the picture: the score's part little by little, the draw
-for lapses by being drawn anew with a chance, so that it stays the same or is another.
+What is common to an aspect fades as the line of sight turns and the object grows: the score's part little by
+little, the draw for lapses by being drawn anew with a chance, so that it stays the same or is another.
 
 A draw is a hash of seed, look and row (SplitMix64: Steele, Lea and Flood, OOPSLA 2014), so that the luck of
 one object never depends on what else is in view, and what is out of view costs nothing.
@@ -34,15 +34,15 @@ from skysweep.sensing.statistical.factors import (
     TOO_SMALL,
     factors_of_look,
 )
+from skysweep.sensing.statistical.luck import kept
 from skysweep.worlds.grid import around
 from skysweep.worlds.occlusion import is_behind_a_hill, pixels_on_target, visible_share
 
 Record = Any  # of SENSOR
 
 _N_FACTORS = len(FACTORS)
-NEVER = -2  # a number that no look follows
 TABLES = 5  # of a row
-WIDTH = _N_FACTORS + 4  # columns of a row after them
+WIDTH = _N_FACTORS + 5  # columns of a row after them
 OCTAVES = 10  # of altitude, from 1 m on; ghosts of one are not those of the next
 MIN_DEPTH_M = 0.1
 
@@ -59,7 +59,7 @@ SENSOR = np.dtype(
         ("centre_px", float),  # error of a box's centre, as the next two
         ("centre_of_object", float),
         ("centre_of_blur", float),
-        ("fade_px", float),
+        ("fade_scale", float),
         ("iou_max", float),  # of two boxes of one object
         ("largest", float),  # size of the things, in metres
     ]
@@ -70,11 +70,11 @@ THING = np.dtype(  # an object that can be reported
         ("size", float),
         ("shape", np.int64),
         ("beside", float),
+        ("shade", float),
         ("contrast", float),
         ("facing", float, 2),  # cosine and sine of its yaw
         ("rows", np.int64, 2),  # its part of the table
-        ("last", float, 3),  # u, v and pixels in the last picture that had it
-        ("seen_in", np.int64),  # number of that look
+        ("last", float, 4),  # direction to the camera and log pixels in the last picture that had it
     ]
 )
 GHOST = np.dtype(  # a place where something can be reported that is not there
@@ -92,7 +92,7 @@ GHOST_CLASS = np.dtype(
 
 _NOT_KNOWN = -1.0
 _ROUNDING_M = 1e-6
-_LAPSE, _PASS, _REST, _CENTRE_U, _CENTRE_V, _ANEW, _PASS_LAPSE = range(7)  # what is drawn of a row
+_LAPSE, _ASPECT, _REST, _CENTRE_U, _CENTRE_V, _ANEW, _ASPECT_LAPSE = range(7)  # what is drawn of a row
 _SHOWS, _SCORE = range(2)  # and of a ghost
 _KINDS_OF_DRAW = 8
 _FIRST_GHOST = 1 << 30
@@ -147,7 +147,7 @@ def draw_look(
     bounds: F64,
     table: F64,
     log_pixels: F64,
-    pass_state: F64,
+    aspects: F64,
     ghosts: F64,
     first_ghost: int,
     ghost_boxes: F64,
@@ -170,10 +170,9 @@ def draw_look(
     ``ghost_...`` are the ``PointTree`` of their places, ``grid_...`` the ``Grid`` of the ``solids``,
     ``heights`` and ``bounds`` the ground's ``relief``. ``tiles`` (T, 4) are parts of the picture.
     ``position``, ``R``, ``velocity`` and ``rates`` are the camera's truth, the last two in its own axes.
-    ``log_pixels`` (G,) is the table's grid, ``pass_state`` (rows, 2) what looks of one pass have in common,
-    for the score and for lapses.
-    ``over_altitude`` (classes, 3, A): log altitudes, densities and scales of the score. ``room`` is for
-    indices of things, ghosts and solids.
+    ``log_pixels`` (G,) is the table's grid, ``aspects`` (rows, 2) what looks at one aspect have in common:
+    of the score and of lapses. ``over_altitude`` (classes, 3, A): log altitudes, densities and scales of the
+    score. ``room`` is for indices of things, ghosts and solids.
     """
     s = sensor.view(SENSOR)[0]
     all_things = things.view(THING)
@@ -199,7 +198,7 @@ def draw_look(
             bounds,
             table,
             log_pixels,
-            pass_state,
+            aspects,
             room[n_in_view:],
             n,
             boxes,
@@ -266,7 +265,7 @@ def _draw_thing(
     bounds: F64,
     table: F64,
     log_pixels: F64,
-    pass_state: F64,
+    aspects: F64,
     room: I64,
     n: int,
     boxes: F64,
@@ -284,17 +283,19 @@ def _draw_thing(
     half = pixels / 2
     if max(u - half, 0.0) >= min(u + half, width) or max(v - half, 0.0) >= min(v + half, height):
         return n
-    kept = 0.0
-    if thing.seen_in == look - 1:
-        kept = math.exp(-(abs(u - last[0]) + abs(v - last[1]) + abs(pixels - last[2])) / s.fade_px)
-    last[0], last[1], last[2] = u, v, pixels
-    thing.seen_in = look
+    across = dx * dx + dy * dy
+    away = max(across + dz * dz, 1e-9)
+    at, distance = math.log(pixels), math.sqrt(away)
+    x, y, z = -dx / distance, -dy / distance, -dz / distance
+    turned, grown = math.sqrt((x - last[0]) ** 2 + (y - last[1]) ** 2 + (z - last[2]) ** 2), at - last[3]
+    is_new = last[3] != last[3]
+    last[0], last[1], last[2], last[3] = x, y, z, at
     for r in range(thing.rows[0], thing.rows[1]):
-        fresh = standard_normal(s.seed, look * len(tiles), r, _PASS)
-        pass_state[r, 0] = kept * pass_state[r, 0] + math.sqrt(1.0 - kept * kept) * fresh
-        if _uniform(s.seed, look * len(tiles), r, _ANEW) >= kept:
-            pass_state[r, 1] = standard_normal(s.seed, look * len(tiles), r, _PASS_LAPSE)
-    at = math.log(pixels)
+        left = 0.0 if is_new else kept(turned, grown, table[r, TABLES * g + _N_FACTORS + 4], s.fade_scale)
+        fresh = standard_normal(s.seed, look * len(tiles), r, _ASPECT)
+        aspects[r, 0] = left * aspects[r, 0] + math.sqrt(1.0 - left * left) * fresh
+        if _uniform(s.seed, look * len(tiles), r, _ANEW) >= left:
+            aspects[r, 1] = standard_normal(s.seed, look * len(tiles), r, _ASPECT_LAPSE)
     if at < log_pixels[0] + math.log(TOO_SMALL):
         return n
     clear = _NOT_KNOWN
@@ -303,9 +304,7 @@ def _draw_thing(
     spread_px = math.sqrt(
         s.centre_px**2 + (s.centre_of_object * pixels) ** 2 + (s.centre_of_blur * blur) ** 2
     )
-    across = dx * dx + dy * dy
-    away = max(across + dz * dz, 1e-9)
-    front = -(thing.facing[0] * dx + thing.facing[1] * dy) / math.sqrt(away)
+    front = thing.facing[0] * x + thing.facing[1] * y
     first = n
     for t in range(len(tiles)):
         tile, tile_look = tiles[t], look * len(tiles) + t
@@ -342,21 +341,22 @@ def _draw_thing(
             1.0 - inside,
             inside_y < 1.0 - CUT_MIN,
             thing.beside,
+            thing.shade,
             blur,
             thing.contrast,
             company[t] - _is_company(s, tile, thing.size, u, v, depth),
         )
         for r in range(thing.rows[0], thing.rows[1]):
-            mean, spread, own_lapse, pass_lapse, lapse = _interpolate(log_pixels, table[r], at)
+            mean, spread, own_lapse, aspect_lapse, lapse = _interpolate(log_pixels, table[r], at)
             own = table[r, TABLES * g :]
-            if own[_N_FACTORS + 3] < own_lapse or pass_state[r, 1] < pass_lapse:
+            if own[_N_FACTORS + 3] < own_lapse or aspects[r, 1] < aspect_lapse:
                 continue
             if standard_normal(s.seed, tile_look, r, _LAPSE) < lapse:
                 continue
             for k in range(_N_FACTORS):
                 mean += own[k] * factors[k]
             rest = own[_N_FACTORS + 2] * standard_normal(s.seed, tile_look, r, _REST)
-            score = mean + spread * (own[_N_FACTORS] + own[_N_FACTORS + 1] * pass_state[r, 0] + rest)
+            score = mean + spread * (own[_N_FACTORS] + own[_N_FACTORS + 1] * aspects[r, 0] + rest)
             if score < s.threshold:
                 continue
             du = spread_px * standard_normal(s.seed, tile_look, r, _CENTRE_U)
@@ -488,8 +488,8 @@ def _interpolate(grid: F64, row: F64, at: float) -> tuple[float, float, float, f
     mean = row[k] + w * (row[k + 1] - row[k])
     spread = row[g + k] + w * (row[g + k + 1] - row[g + k])
     own = row[2 * g + k] + w * (row[2 * g + k + 1] - row[2 * g + k])
-    of_pass = row[3 * g + k] + w * (row[3 * g + k + 1] - row[3 * g + k])
-    return mean, spread, own, of_pass, row[4 * g + k] + w * (row[4 * g + k + 1] - row[4 * g + k])
+    of_aspect = row[3 * g + k] + w * (row[3 * g + k + 1] - row[3 * g + k])
+    return mean, spread, own, of_aspect, row[4 * g + k] + w * (row[4 * g + k + 1] - row[4 * g + k])
 
 
 @njit(cache=True)

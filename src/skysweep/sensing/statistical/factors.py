@@ -15,6 +15,7 @@ CUT_MIN = 0.01  # least share beyond an edge that cuts an object
 EDGE_PX = 8.0  # objects this small look the same there
 NEAR_PX = (8.0, 64.0)  # between which more and more of an object's side shows
 COMPANY_PX = 4.0  # what spans fewer is no company: the detector hardly sees it
+LENS_OCTAVES = (0.0, 3.0)  # of the focal length over the calibrated one, between which it was measured
 CONTRAST_USUAL, CONTRAST_UNIT, CONTRAST_LIMITS = 30.0, 20.0, (-1.5, 3.0)
 
 _NEAR_AT = math.log(NEAR_PX[0])
@@ -40,6 +41,7 @@ FACTORS = (  # in the order of ``factors_of_look``
     Factor(
         "beside", "1 right beside a tree's or bush's crown, less regular than its solid; else 0", (0.0, 0.4)
     ),
+    Factor("shade", "share of the object in the shadow of trees and buildings", (-0.5, 0.6)),
     Factor("blur", "length of the motion blur over the object's pixels", (-0.3, 0.6)),
     Factor("contrast", "difference in colour to the ground (CIE76), less 30, over 20", (0.0, 0.2), 1.5),
     Factor("company", "log(1 + the number of other objects in the picture)", (0.0, 0.3), 1.5),
@@ -56,14 +58,16 @@ def factors_of_look(
     cut: float,
     is_cut_y: bool,
     beside: float,
+    shade: float,
     blur_px: float,
     contrast: float,
     others: float,
-) -> tuple[float, float, float, float, float, float, float, float, float, float]:
+) -> tuple[float, float, float, float, float, float, float, float, float, float, float]:
     """The FACTORS of one look.
 
-    ``view`` is a squared sine, ``front`` a cosine, ``hidden`` and ``cut`` are shares, ``contrast`` is in
-    CONTRAST_UNIT from CONTRAST_USUAL, ``others`` are the other objects in the picture that span COMPANY_PX.
+    ``view`` is a squared sine, ``front`` a cosine; ``hidden``, ``cut`` and ``shade`` are shares; ``contrast``
+    is in CONTRAST_UNIT from CONTRAST_USUAL, ``others`` are the other objects in the picture that span
+    COMPANY_PX.
     """
     nearness = min(max((math.log(pixels) - _NEAR_AT) / _NEAR_OVER, 0.0), 1.0)
     return (
@@ -74,6 +78,7 @@ def factors_of_look(
         cut * cut,
         max(1.0 - EDGE_PX / pixels, 0.0) if is_cut_y else 0.0,
         beside,
+        shade,
         min(blur_px / pixels, BLUR_MAX),
         contrast,
         math.log1p(others),

@@ -4,7 +4,8 @@ The score of a look at an object is the detector's confidence on the scale -log(
 and spread depend on the pixels on target; the FACTORS and the ground shift the mean. Scores above the
 threshold are reported, so that one score explains detection rate and confidence (a Tobit model: Tobin,
 Econometrica 26, 1958), apart from a share of unexplained lapses (Wichmann and Hill, Perception &
-Psychophysics 63, 2001). Looks at one object have a part of their luck in common, of the score and of lapses.
+Psychophysics 63, 2001). Looks at one object have a part of their luck in common, of the score and of lapses,
+and looks at one aspect of it another: from a like direction, equally large.
 """
 
 from __future__ import annotations
@@ -27,10 +28,17 @@ from skysweep.files.plain_yaml import MAX_YAML_BYTES, parse_fields
 from skysweep.files.reading import read_text_limited
 from skysweep.geometry.camera import Lens
 from skysweep.scenarios.model import CameraKind, CameraModel, DetectorModel, Scenario
-from skysweep.sensing.statistical.factors import BLUR_MAX, CONTRAST_USUAL, NAMES, TOO_SMALL, VIEW_MAX
+from skysweep.sensing.statistical.factors import (
+    BLUR_MAX,
+    CONTRAST_USUAL,
+    LENS_OCTAVES,
+    NAMES,
+    TOO_SMALL,
+    VIEW_MAX,
+)
 from skysweep.sensing.statistical.view import View
 
-VERSION = 9  # 8 knew nothing of company, and of false reports only whether the world had trees
+VERSION = 10  # 9 knew of passes, not of aspects, and nothing of lens and shade
 MAX_ENLARGED = 2.0  # times that a camera's pixels may be enlarged for the detector
 _ROUNDING = 1.001
 _VIEW_MAX_DEG = math.degrees(math.asin(math.sqrt(VIEW_MAX)))
@@ -54,7 +62,9 @@ class KindModel(_Part):
     """How one kind of object in one pose is reported as one class.
 
     The score's mean at some pixels is ``score`` there, plus ``grounds`` of the surface below (a rock may pass
-    for a person on grass and not on snow), plus each of the FACTORS times its number here.
+    for a person on grass and not on snow), plus each of the FACTORS times its number here, plus ``lens`` for
+    each octave of the focal length over the calibrated one: from farther away nothing leans out of the
+    picture's middle.
     """
 
     kind: str
@@ -72,17 +82,20 @@ class KindModel(_Part):
     cut: float
     edge_y: float
     beside: float
+    shade: float
     blur: float
     contrast: float
     company: float
+    lens: float
     grounds: dict[str, float] = Field(description="Added to the mean, by surface; the usual one adds 0")
     object_share: float = Field(ge=0, le=1, description="Of the variance: the object's own, in every look")
-    pass_share: float = Field(ge=0, le=1, description="Of the variance: common to looks from nearby places")
+    aspect_share: float = Field(ge=0, le=1, description="Of the variance: common to looks at one aspect")
+    fade_rad: float = Field(gt=0, description="Turn of the line of sight that leaves 1/e of an aspect's luck")
     lapse_object_share: float = Field(
         0, ge=0, le=1, description="Of the lapses: the object's own, in every look"
     )
-    lapse_pass_share: float = Field(
-        0, ge=0, le=1, description="Of the lapses: common to looks from nearby places"
+    lapse_aspect_share: float = Field(
+        0, ge=0, le=1, description="Of the lapses: common to looks at one aspect"
     )
 
     @property
@@ -92,19 +105,23 @@ class KindModel(_Part):
 
     @model_validator(mode="after")
     def _shares(self) -> KindModel:
-        if self.object_share + self.pass_share > 1:
-            raise ValueError("object_share and pass_share are more than 1 together")
-        if self.lapse_object_share + self.lapse_pass_share > 1:
-            raise ValueError("lapse_object_share and lapse_pass_share are more than 1 together")
+        if self.object_share + self.aspect_share > 1:
+            raise ValueError("object_share and aspect_share are more than 1 together")
+        if self.lapse_object_share + self.lapse_aspect_share > 1:
+            raise ValueError("lapse_object_share and lapse_aspect_share are more than 1 together")
         return self
+
+    def scores(self, surface: str, lens_octaves: float) -> NDArray[np.float64]:
+        """(G,) means of the score on that surface through that lens, before the FACTORS."""
+        return np.array(self.score) + self.grounds.get(surface, 0.0) + self.lens * lens_octaves
 
     @property
     def lapses(self) -> tuple[NDArray[np.float64], ...]:
-        """(G,) chances of a lapse that is the object's own; else, of the pass; else, of the look alone."""
+        """(G,) chances of a lapse that is the object's own; else, of the aspect; else, of the look alone."""
         lapse = np.array(self.lapse)
         own = self.lapse_object_share * lapse
-        of_pass = self.lapse_pass_share * lapse / (1.0 - own)
-        return own, of_pass, 1.0 - (1.0 - lapse) / ((1.0 - own) * (1.0 - of_pass))
+        of_aspect = self.lapse_aspect_share * lapse / (1.0 - own)
+        return own, of_aspect, 1.0 - (1.0 - lapse) / ((1.0 - own) * (1.0 - of_aspect))
 
 
 class ContrastModel(_Part):
@@ -245,7 +262,7 @@ class StatisticalModel(_Part):
     camera: CalibratedCamera
     experiment: Experiment
     pixels: list[float] = Field(min_length=2, description="Grid of pixels on target, ascending")
-    fade_px: float = Field(gt=0, description="Movement in the picture after which looks correlate by 1/e")
+    fade_scale: float = Field(gt=0, description="Growth, a log, that leaves 1/e of an aspect's luck")
     box: BoxModel
     kinds: list[KindModel]
     contrasts: list[ContrastModel]
@@ -312,6 +329,10 @@ class StatisticalModel(_Part):
     def view_of(self, camera: CameraModel, detector: DetectorModel) -> View:
         """How the detector sees a camera's pictures. Raises UserError if its file cannot be read."""
         return View.of(camera, detector, self.camera.lens)
+
+    def lens_octaves(self, view: View) -> float:
+        """Of the focal length of a camera so seen over the calibrated one, as far as that was measured."""
+        return float(np.clip(math.log2(view.focal_px / self.camera.lens.focal_px), *LENS_OCTAVES))
 
     def differences(self, camera: CameraModel, detector: DetectorModel) -> list[str]:
         """What this camera or detector has worse than the calibrated one, or other; one phrase each.

@@ -51,6 +51,7 @@ class SearchedArea:
             self.inside,
             terrain,
             Occluders(World(terrain, (), trees, buildings, scenario.light, seed=0)).solids,
+            scenario.light,
             scenario.camera,
             scenario.detector,
             model,

@@ -22,7 +22,6 @@ from skysweep.scenarios.model import CameraModel, DetectorModel
 from skysweep.sensing.exposures import Exposures
 from skysweep.sensing.statistical.draws import (
     GHOST_CLASS,
-    NEVER,
     OCTAVES,
     SENSOR,
     TABLES,
@@ -45,7 +44,7 @@ from skysweep.worlds.world import TerrainSurface, World, WorldObject, WorldTree
 _EPS_S = 1e-6
 _MAX_GHOSTS = 64  # in one picture
 _MOST_REPORTS = 9  # of one object, in tiles that overlap
-_NOT_SEEN = (math.nan, math.nan, math.nan)
+_NOT_SEEN = (math.nan, math.nan, math.nan, math.nan)
 _NOTHING = (np.zeros((0, 4)), np.zeros(0), ())
 
 
@@ -87,7 +86,7 @@ class StatisticalSensor:
         view, box, largest_m = self._view, model.box, things["size"].max(initial=0.0)
         optics = (view.focal_px, view.width_px, view.height_px, camera.exposure_s)
         scores = (score_of(detector.confidence_min), score_of(model.experiment.confidence_floor))
-        boxes = (box.pixels, box.of_object, box.of_blur, model.fade_px, detector.iou_max)
+        boxes = (box.pixels, box.of_object, box.of_blur, model.fade_scale, detector.iou_max)
         sensor = (*optics, seed_of_looks, *scores, *boxes, largest_m)
         self._sensor = np.array([sensor], dtype=SENSOR).view(np.float64)
         in_tiles = min(len(view.tiles_px), _MOST_REPORTS)
@@ -151,7 +150,10 @@ class StatisticalSensor:
         for row, thing in self._movers:
             now, record = self._world.at(thing, time_s), self._things[row]
             record["place"], record["facing"] = middle_enu_m(now), _facing(now)
-            record["beside"] = self._occluders.is_beside_a_crown(now)
+            record["beside"], record["shade"] = (
+                self._occluders.is_beside_a_crown(now),
+                self._occluders.shade(now),
+            )
         refit(*self._tree, self._things["place"])
 
     def _tabulate_objects(
@@ -162,9 +164,10 @@ class StatisticalSensor:
         once: np.random.Generator,
         of_lapses: np.random.Generator,
     ) -> tuple[NDArray[Any], ...]:
-        """The records THING, then what ``draw_look`` takes from ``table`` to ``pass_state``."""
+        """The records THING, then what ``draw_look`` takes from ``table`` to ``aspects``."""
         m = self._model
         wanted = [kind for kind in m.kinds if kind.reported_as in classes]
+        octaves = m.lens_octaves(self._view)
         luck = once.normal(size=(len(world.objects), 1 + len(classes)))
         lapse_luck = of_lapses.normal(size=(len(world.objects), len(classes)))
         things: list[tuple[Any, ...]] = []
@@ -177,22 +180,23 @@ class StatisticalSensor:
             for kind in kinds:
                 reported_as = list(classes).index(kind.reported_as)
                 offset = own[reported_as] * np.sqrt(kind.object_share)
-                rest = max(1.0 - kind.object_share - kind.pass_share, 0.0)
-                shares = np.sqrt([kind.pass_share, rest])
+                rest = max(1.0 - kind.object_share - kind.aspect_share, 0.0)
+                shares = np.sqrt([kind.aspect_share, rest])
                 lapses = ndtri(np.clip(kind.lapses, 1e-9, 1.0)).ravel()
-                score = np.array(kind.score) + kind.grounds.get(surface, 0.0)
-                luck_of_row = offset, *shares, own_lapse[reported_as]
+                score = kind.scores(surface, octaves)
+                luck_of_row = offset, *shares, own_lapse[reported_as], kind.fade_rad
                 rows.append([*score, *kind.spread, *lapses, *kind.factors, *luck_of_row])
                 self._row_names.append(kind.reported_as)
             looks_so = (
                 shape_of(thing),
                 occluders.is_beside_a_crown(thing),
+                occluders.shade(thing),
                 self._contrast(thing, surface, colour),
             )
             if thing.track is not None:
                 self._movers.append((len(things), thing))
-            its_rows, unseen = (first_row, len(rows)), (_NOT_SEEN, NEVER)
-            things.append((middle_enu_m(thing), thing.size_m, *looks_so, _facing(thing), its_rows, *unseen))
+            its_rows = first_row, len(rows)
+            things.append((middle_enu_m(thing), thing.size_m, *looks_so, _facing(thing), its_rows, _NOT_SEEN))
         return (
             np.array(things, dtype=THING),
             np.array(rows, dtype=float).reshape(-1, TABLES * len(m.pixels) + WIDTH),

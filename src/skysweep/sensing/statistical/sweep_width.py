@@ -24,6 +24,7 @@ from skysweep.sensing.statistical.factors import (
     TOO_SMALL,
     VIEW_MAX,
 )
+from skysweep.sensing.statistical.luck import kept
 from skysweep.sensing.statistical.model import KindModel, StatisticalModel, model_for, score_of
 from skysweep.worlds.occlusion import FLAT, SHAPES, pixels_on_target
 from skysweep.worlds.world import surfaces_of
@@ -90,8 +91,8 @@ def lateral_range(
     """Chance (N,) that a straight pass at distances (N,) reports a target of this kind at least once.
 
     ``surfaces`` are what covers the ground, with their shares: each pass's target lies on one of them. By
-    Monte Carlo: of each pass's luck one part is the target's own, one fades from look to look, one is new. So
-    do lapses.
+    Monte Carlo: of each pass's luck one part is the target's own, one its aspect's, which fades as it turns,
+    one is each look's. So do lapses.
     """
     search, camera, model = scenario.search, scenario.camera, model_for(scenario)
     lens, view = camera.lens, model.view_of(camera, scenario.detector)
@@ -102,34 +103,40 @@ def lateral_range(
     beside = aside_m**2
     first_m = step_m * rng.random(_PASSES) - along_m / 2.0
     own, fading = rng.normal(size=(2, _PASSES, len(aside_m)))
-    kept = math.exp(-step_m * view.focal_px / height_m / model.fade_px)
     threshold, grid = float(score_of(scenario.detector.confidence_min)), np.log(model.pixels)
-    rest = math.sqrt(max(1.0 - kind.object_share - kind.pass_share, 0.0))
+    rest = math.sqrt(max(1.0 - kind.object_share - kind.aspect_share, 0.0))
     away_m = np.linspace(0.0, math.hypot(*lens.footprint_m(height_m)), _DISTANCES)
     shape = SHAPES.get(kind.pose, FLAT)
     pixels_at = [pixels_on_target(view.focal_px, shape, size_m, x, 0.0, -height_m, height_m) for x in away_m]
-    own_draw, pass_draw = of_lapses.random((2, *own.shape))
-    of_ground = _scores_of_ground(kind, model, surfaces, own.shape)
+    own_draw, aspect_draw = of_lapses.random((2, *own.shape))
+    of_ground = _scores_of_ground(kind, model, surfaces, own.shape) + kind.lens * model.lens_octaves(view)
+    last_sight, last_at = np.zeros((3, *own.shape)), np.zeros(own.shape)
     reported = np.zeros(own.shape, dtype=np.bool_)
     for look in range(looks):
         along = (first_m + look * step_m)[:, None]
         square = beside + along**2
         pixels = np.interp(np.sqrt(square), away_m, pixels_at)
         blur_px = camera.exposure_s * search.scan_speed_mps * view.focal_px / height_m
-        mean = np.interp(np.log(pixels), grid, kind.score) + of_ground
+        at = np.log(pixels)
+        sight = np.stack(np.broadcast_arrays(aside_m, along, height_m)) / np.sqrt(height_m**2 + square)
+        if look:
+            turned_rad = np.linalg.norm(sight - last_sight, axis=0)
+            left = kept(turned_rad, at - last_at, kind.fade_rad, model.fade_scale)
+            fading = left * fading + np.sqrt(1.0 - left**2) * rng.normal(size=own.shape)
+            stays, anew = of_lapses.random((2, *own.shape))
+            aspect_draw = np.where(stays < left, aspect_draw, anew)
+        last_sight, last_at = sight, at
+        mean = np.interp(at, grid, kind.score) + of_ground
         mean += kind.view * np.minimum(square / (height_m**2 + square), VIEW_MAX)
         mean += kind.blur * np.minimum(blur_px / pixels, BLUR_MAX)
-        luck = math.sqrt(kind.object_share) * own + math.sqrt(kind.pass_share) * fading
+        luck = math.sqrt(kind.object_share) * own + math.sqrt(kind.aspect_share) * fading
         luck += rest * rng.normal(size=own.shape)
-        seen = mean + np.interp(np.log(pixels), grid, kind.spread) * luck >= threshold
+        seen = mean + np.interp(at, grid, kind.spread) * luck >= threshold
         lapsed = np.zeros(own.shape, dtype=np.bool_)
-        for draw, lapse in zip((own_draw, pass_draw, rng.random(own.shape)), kind.lapses, strict=True):
-            lapsed |= draw < np.interp(np.log(pixels), grid, lapse)
+        for draw, lapse in zip((own_draw, aspect_draw, rng.random(own.shape)), kind.lapses, strict=True):
+            lapsed |= draw < np.interp(at, grid, lapse)
         large = pixels >= TOO_SMALL * model.pixels[0]
         reported |= large & seen & ~lapsed & (along <= along_m / 2.0)
-        fading = kept * fading + math.sqrt(1.0 - kept**2) * rng.normal(size=own.shape)
-        stays, anew = of_lapses.random((2, *own.shape))
-        pass_draw = np.where(stays < kept, pass_draw, anew)
     return np.asarray(reported.mean(axis=0))
 
 

@@ -37,7 +37,6 @@ class Suspect:
     id: int
     class_name: str
     belief: F64
-    uv: tuple[float, float] | None = None  # where it was in the last look; None: outside
     likely: tuple[float, float, float] = (0.0, 0.0, 0.0)  # log likelihood of all looks, in that order
     evidence: float = 0.0  # log likelihood ratio of all looks: a target against anything else
     shift: tuple[float, float] = (0.0, 0.0)  # what it says of the shift, if it is a target: sum and weight
@@ -154,14 +153,13 @@ class Suspects:
             if hit is not None:
                 suspect.lowest_m = min(suspect.lowest_m, hit.camera_altitude_agl_m)
                 if not hit.is_cut:
-                    self._update(suspect, look, place, (u, v), hit.confidence, others)
-            elif suspect.in_view:
-                if self._is_whole(look, u, v, z, suspect.class_name) and not self._is_told(
-                    suspect, list(hits), candidates
-                ):
-                    self._update(suspect, look, place, (u, v), None, others)
-            else:
-                suspect.uv = None
+                    self._update(suspect, look, place, hit.confidence, others)
+            elif (
+                is_in_view
+                and self._is_whole(look, u, v, z, suspect.class_name)
+                and not self._is_told(suspect, list(hits), candidates)
+            ):
+                self._update(suspect, look, place, None, others)
         self._learn()
         return new
 
@@ -212,29 +210,19 @@ class Suspects:
             u, v = uv[0].tolist()
             if depth[0] <= 0.0 or not self._is_whole(look, u, v, float(depth[0]), suspect.class_name):
                 break
-            missed.append((look, (u, v)))
-        for look, at in reversed(missed):
-            self._update(suspect, look, candidate.position_enu_m, at, None, len(look.hits))
+            missed.append(look)
+        for look in reversed(missed):
+            self._update(suspect, look, candidate.position_enu_m, None, len(look.hits))
 
     def _update(
-        self,
-        suspect: Suspect,
-        look: Look,
-        place: F64,
-        uv: tuple[float, float],
-        confidence: float | None,
-        others: int,
+        self, suspect: Suspect, look: Look, place: F64, confidence: float | None, others: int
     ) -> None:
         shown = 1.0  # a hit shows something
         if confidence is None:
             shown = self._context.shown(place, look.camera.position_enu_m)
-        moved_px = math.inf
-        if suspect.uv is not None:
-            moved_px = abs(uv[0] - suspect.uv[0]) + abs(uv[1] - suspect.uv[1])
-        suspect.uv = uv
         score = None if confidence is None else float(score_of(confidence))
         surprise = self.hypotheses(suspect.class_name).look(
-            suspect.belief, look.camera, place, moved_px, score, self.fit.widened, others, shown
+            suspect.belief, look.camera, place, score, self.fit.widened, others, shown
         )
         if score is not None:
             self.fit.learn_spread(self.probability(suspect.id), surprise)
@@ -251,7 +239,6 @@ class Suspects:
                 {
                     **{name: getattr(s, name) for name in _PLAIN},
                     "belief": [[None if math.isnan(x) else x for x in row] for row in s.belief.tolist()],
-                    "uv": None if s.uv is None else list(s.uv),
                     "lowest_m": s.lowest_m if math.isfinite(s.lowest_m) else None,
                     "distinct": sorted(s.distinct),
                     "likely": list(s.likely),
@@ -270,7 +257,6 @@ class Suspects:
             s["id"]: Suspect(
                 **{name: s[name] for name in _PLAIN},
                 belief=np.array(s["belief"], dtype=float),
-                uv=None if s["uv"] is None else (s["uv"][0], s["uv"][1]),
                 lowest_m=math.inf if s["lowest_m"] is None else s["lowest_m"],
                 distinct=set(s["distinct"]),
                 likely=(s["likely"][0], s["likely"][1], s["likely"][2]),

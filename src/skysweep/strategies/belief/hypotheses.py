@@ -29,7 +29,20 @@ from skysweep.sensing.statistical.factors import (
     CONTRAST_USUAL,
     VIEW_MAX,
 )
-from skysweep.sensing.statistical.luck import N_STATES, OWN, OWN_VAR, PIXELS, WEIGHT, unseen, update
+from skysweep.sensing.statistical.luck import (
+    ASPECT,
+    ASPECT_VAR,
+    COVARIANCE,
+    N_STATES,
+    OWN,
+    OWN_VAR,
+    PIXELS,
+    UP,
+    WEIGHT,
+    kept_since,
+    unseen,
+    update,
+)
 from skysweep.sensing.statistical.model import BackgroundModel, KindModel, StatisticalModel, score_of
 from skysweep.strategies.belief.parameters import BeliefParameters
 from skysweep.strategies.context import MissionContext
@@ -41,7 +54,7 @@ _ANIMALS = {"sheep", "deer", "dog"}  # a mission is not told whether there are a
 _LAND_KINDS = {"stump", "red bucket", "red round sign", "stop sign"}
 _SURPRISE_MAX = 9.0
 _REPORTED_LEAST = 1e-3  # probability that a passing reports it
-_SIZE, _SHAPE, _HEIGHT, _VIEW, _COMPANY, _UNSURE, _OBJECT_SHARE, _PASS_SHARE = range(8)  # of a hypothesis
+_SIZE, _SHAPE, _HEIGHT, _VIEW, _COMPANY, _UNSURE, _OBJECT_SHARE, _ASPECT_SHARE, _FADE = range(9)  # of one
 
 
 class Hypotheses:
@@ -51,21 +64,21 @@ class Hypotheses:
         model = context.sensor_model
         self._view = context.sensor_view
         self._threshold = float(score_of(context.confidence_min))
-        self._fade_px = model.fade_px
+        self._fade_scale = model.fade_scale
         self._log_pixels = np.log(model.pixels)
         rows = _rows(model, context, class_name)
         self._is_target = np.array([is_target for _, _, is_target, _ in rows] + [False])
         weights = np.array([*(weight for *_, weight in rows), 1.0])
         surface = context.surface
-        tables, numbers = [], []
+        tables, numbers, octaves = [], [], model.lens_octaves(self._view)
         for kind, size, is_target, _ in rows:
-            score = np.array(kind.score) + kind.grounds.get(surface, 0.0)
+            score = kind.scores(surface, octaves)
             mean, own = _contrast(model, kind, surface)
             tables.append([*(score + kind.contrast * mean), *kind.spread, *kind.lapse])
             shape = SHAPES.get(kind.pose, FLAT)
             height = 0.5 * size if shape == STANDING else 0.0
             unsure = math.hypot(kind.contrast * own, parameters.model_std if is_target else 0.0)
-            shares = kind.object_share, kind.pass_share
+            shares = kind.object_share, kind.aspect_share, kind.fade_rad
             numbers.append([size, shape, height, kind.view, kind.company, unsure, *shares])
         self._tables = np.array(tables)
         self._numbers = np.array(numbers)
@@ -88,11 +101,10 @@ class Hypotheses:
         height_m = search.scan_altitude_agl_m
         along_m, step_m = lens.footprint_m(height_m)[1], search.scan_speed_mps / context.looks_hz
         R = rotation_camera_to_enu(context.yaw_rad, context.gimbal_pitch_rad)
-        missed, moved_px = unseen((len(weights),)), math.inf
+        missed = unseen((len(weights),))
         for offset_m in np.arange((step_m - along_m) / 2.0, along_m / 2.0, step_m).tolist():
             camera = CameraPose(np.array([*(offset_m * R[:2, 1]), height_m]), R)
-            self._weigh(missed, camera, np.zeros(3), moved_px, None, widened=1.0, others=0, shown=1.0)
-            moved_px = step_m / lens.gsd_m(height_m)
+            self._weigh(missed, camera, np.zeros(3), None, widened=1.0, others=0, shown=1.0)
         reported = np.maximum(1.0 - np.exp(missed[:, WEIGHT]), _REPORTED_LEAST)
         is_thing = ~self._is_target
         is_thing[-1] = False
@@ -119,7 +131,6 @@ class Hypotheses:
         belief: F64,
         camera: CameraPose,
         place_enu_m: F64,
-        moved_px: float,
         score: float | None,
         widened: float,
         others: int,
@@ -127,14 +138,12 @@ class Hypotheses:
     ) -> float:
         """Update a belief by one look at the place, in place; how surprising it was if this is a target.
 
-        ``moved_px`` is how far the place has moved in the picture since its last look, inf where there was
-        none in this passing; ``score`` is that of a hit, None of a miss; ``others`` are the other candidates
-        in view. Targets' scores are spread ``widened`` times as far as the model says. ``shown`` is how
-        probably the look shows what is there; otherwise a hit or miss is as likely as where nothing is.
-        Surprise is the squared distance of the score from what was expected, in variances, 1 on average;
-        0 for a miss.
+        ``score`` is that of a hit, None of a miss; ``others`` are the other candidates in view. Targets'
+        scores are spread ``widened`` times as far as the model says. ``shown`` is how probably the look shows
+        what is there; otherwise a hit or miss is as likely as where nothing is. Surprise is the squared
+        distance of the score from what was expected, in variances, 1 on average; 0 for a miss.
         """
-        surprise = self._weigh(belief, camera, place_enu_m, moved_px, score, widened, others, shown)
+        surprise = self._weigh(belief, camera, place_enu_m, score, widened, others, shown)
         belief[:, WEIGHT] -= belief[:, WEIGHT].max()
         return surprise
 
@@ -143,7 +152,6 @@ class Hypotheses:
         belief: F64,
         camera: CameraPose,
         place_enu_m: F64,
-        moved_px: float,
         score: float | None,
         widened: float,
         others: int,
@@ -159,8 +167,7 @@ class Hypotheses:
             camera.R_camera_to_enu,
             place_enu_m,
             self._view.focal_px,
-            self._view.scale * moved_px,
-            self._fade_px,
+            self._fade_scale,
             math.nan if score is None else score,
             self._threshold,
             self._lapse_floor,
@@ -188,6 +195,7 @@ class Hypotheses:
                 camera.R_camera_to_enu,
                 place_enu_m,
                 self._view.focal_px,
+                self._fade_scale,
                 self._threshold,
                 nothing,
             )
@@ -302,6 +310,14 @@ def _expect(
 
 
 @njit(cache=True)
+def _sight(eye: F64, place: F64) -> tuple[float, float, float]:
+    """The direction from a place to the eye, of length 1."""
+    x, y, z = eye[0] - place[0], eye[1] - place[1], eye[2] - place[2]
+    distance = max(math.sqrt(x * x + y * y + z * z), 1e-9)
+    return x / distance, y / distance, z / distance
+
+
+@njit(cache=True)
 def _confusion(
     belief: F64,
     tables: F64,
@@ -312,18 +328,22 @@ def _confusion(
     R: F64,
     place: F64,
     focal: float,
+    fade_scale: float,
     threshold: float,
     nothing: float,
 ) -> float:
     n = len(tables)
     means, variances = np.empty(n + 1), np.empty(n + 1)
-    expected = np.empty(4)
+    expected, sight = np.empty(4), _sight(eye, place)
     for i in range(n):
         _expect(expected, tables[i], numbers[i], log_pixels, eye, R, place, focal)
-        spread = expected[2]
+        spread, b = expected[2], belief[i]
         own = math.sqrt(numbers[i, _OBJECT_SHARE] * spread * spread + numbers[i, _UNSURE] ** 2)
-        means[i] = max(expected[1] + own * belief[i, OWN], threshold - 0.5)
-        variances[i] = own * own * belief[i, OWN_VAR] + numbers[i, _PASS_SHARE] * spread * spread + 0.01
+        left = kept_since(b, expected[0], sight, numbers[i, _FADE], fade_scale)
+        common = math.sqrt(numbers[i, _ASPECT_SHARE]) * spread
+        means[i] = max(expected[1] + own * b[OWN] + common * left * b[ASPECT], threshold - 0.5)
+        variances[i] = own * own * b[OWN_VAR] + 2.0 * own * common * left * b[COVARIANCE] + 0.01
+        variances[i] += common * common * (1.0 - left * left * (1.0 - b[ASPECT_VAR]))
     means[n], variances[n] = threshold - 0.5, 0.1
     left, total = 0.0, 1e-300
     for i in range(n):
@@ -348,8 +368,7 @@ def _look(
     R: F64,
     place: F64,
     focal: float,
-    moved_px: float,
-    fade_px: float,
+    fade_scale: float,
     score: float,
     threshold: float,
     lapse_floor: float,
@@ -360,7 +379,7 @@ def _look(
     shown: float,
 ) -> float:
     n = len(tables)
-    expected, seen = np.empty(4), np.empty(N_STATES)
+    expected, seen, sight = np.empty(4), np.empty(N_STATES), _sight(eye, place)
     surprise, likely, where_nothing_is = 0.0, 1e-300, 1.0
     for k in range(n + 1):
         i = k - 1 if k else n  # nothing at all comes first
@@ -370,23 +389,24 @@ def _look(
             _expect(expected, tables[i], numbers[i], log_pixels, eye, R, place, focal)
             pixels, mean, spread = expected[0], expected[1] + numbers[i, _COMPANY] * company, expected[2]
             lapse = max(expected[3], lapse_floor)
-            object_share, pass_share = numbers[i, _OBJECT_SHARE], numbers[i, _PASS_SHARE]
-            unsure = numbers[i, _UNSURE]
+            object_share, aspect_share = numbers[i, _OBJECT_SHARE], numbers[i, _ASPECT_SHARE]
+            unsure, fade_rad = numbers[i, _UNSURE], numbers[i, _FADE]
             if is_target[i]:
                 spread *= widened
         else:
-            pixels, mean, spread, lapse = b[PIXELS], ghost[0], ghost[1], ghost[2]
-            object_share, pass_share, unsure = ghost[3], 0.0, 0.0
+            pixels, mean, spread, lapse = 1.0, ghost[0], ghost[1], ghost[2]
+            object_share, aspect_share, unsure, fade_rad = ghost[3], 0.0, 0.0, 1.0
         middle, variance = update(
             seen,
             pixels,
-            moved_px,
-            fade_px,
+            sight,
+            fade_rad,
+            fade_scale,
             mean,
             spread,
             lapse,
             object_share,
-            pass_share,
+            aspect_share,
             0.0,
             0.0,
             unsure,
@@ -401,7 +421,8 @@ def _look(
         else:
             both = shown * likely_seen + (1.0 - shown) * where_nothing_is
             b += (shown * likely_seen / both) * (seen - b)
-            b[WEIGHT], b[PIXELS] = before + math.log(both), seen[PIXELS]
+            b[WEIGHT] = before + math.log(both)
+            b[PIXELS : UP + 1] = seen[PIXELS : UP + 1]
         if score == score and i < n and is_target[i]:
             weight = math.exp(before)
             likely += weight
