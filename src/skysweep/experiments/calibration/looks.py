@@ -286,7 +286,7 @@ def look_around(job: WorldJob) -> tuple[ScoredLooks, Background]:
     """All pictures of one world."""
     cv2.setNumThreads(1)
     rng = np.random.default_rng([job.seed, job.index, 53])
-    world = _make_world(job.layout, rng, job.camera.kind)
+    world = make_world(job.layout, rng, job.camera.kind)
     lens, c = job.camera.lens, job.camera
     renderer = make_renderer(world)
     expose = exposing(c, renderer, int(rng.integers(2**31)))
@@ -310,7 +310,8 @@ def look_around(job: WorldJob) -> tuple[ScoredLooks, Background]:
     return scorer.packed(job)
 
 
-def _make_world(layout: WorldLayout, rng: np.random.Generator, camera: CameraKind) -> World:
+def make_world(layout: WorldLayout, rng: np.random.Generator, camera: CameraKind) -> World:
+    """A world of a layout, with its ground, its light and perhaps trees."""
     spacing_m = float(np.exp(rng.uniform(*np.log(layout.spacing_m))))
     columns = max(round(layout.grid_m / spacing_m), _COLUMNS_MIN)
     half = columns * spacing_m / 2
