@@ -145,6 +145,21 @@ def test_belief_does_not_end_its_search_for_one_battery():
     assert compute_summary(run)["n_confirmed"] == 2
 
 
+def test_places_that_an_operator_asked_for_wait_for_another_battery():
+    asked = [(150.0, 130.0), (10.0, 130.0)] * 2
+    orders = [Order("look", None, place) for place in asked]
+    run, reason = flown(
+        field(batteries=9), lambda mode, s: orders.pop(0) if mode == "SCAN" and orders else None
+    )
+    assert reason == "completed"
+    assert [tuple(line["p"][:2]) for line in run.events("looked")] == asked
+    first_s = run.events("sortie")[0]["t"]
+    assert run.events("looked")[0]["t"] < first_s < run.events("looked")[-1]["t"]
+    waits = [r for r in run.events("safety") if "waits for another battery" in r["sentence"]]
+    assert {(r["action"], r["cause"]) for r in waits} == {("RETURN", "return energy")}
+    assert not [r for r in run.events("safety") if "is not looked at" in r["sentence"]]
+
+
 def test_the_operator_who_calls_it_home_in_the_air_ends_the_mission():
     run, reason = flown(field(), lambda mode, _s: Order(RETURN) if mode == "RETURN" else None)
     assert reason == "operator"

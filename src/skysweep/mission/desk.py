@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from skysweep.mission.clearance import Clearance
 from skysweep.mission.mission import Mission
 from skysweep.mission.notes import Notes
 from skysweep.mission.orders import CONTINUE, LOOK, ORDER, STEERING, TAKE_BACK, VERDICTS, Order
-from skysweep.mission.safety import Action, Alarm, Guard, Phase
+from skysweep.mission.safety import RETURN_ENERGY, Action, Alarm, Guard, Phase
 from skysweep.scenarios.model import ALTITUDE_TOLERANCE_M
 from skysweep.types import XY, Detections, EventKind, VehicleState, Waypoint
 
@@ -28,10 +28,19 @@ class Desk:
 
     The newest verdict on a candidate counts. Places are looked at in the order in which they were asked for.
     Each is kept until the strategy has the looks, so that a mission that resumes before looks there again.
+    ``may_change_battery`` tells whether a place that is too far for this battery waits for another one.
     """
 
-    def __init__(self, mission: Mission, guard: Guard, clearance: Clearance, notes: Notes) -> None:
+    def __init__(
+        self,
+        mission: Mission,
+        guard: Guard,
+        clearance: Clearance,
+        notes: Notes,
+        may_change_battery: Callable[[], bool],
+    ) -> None:
         self._m, self._guard, self._clearance, self._notes = mission, guard, clearance, notes
+        self._may_change_battery = may_change_battery
         self.verdicts: Mapping[int, EventKind] = {}  # by candidate
         self._places: list[XY] = []
         self._n_seen = 0  # of the places
@@ -99,14 +108,20 @@ class Desk:
         if xy is None:
             return "The order to look has no place; give east and north in metres from home."
         why = "somebody else flies the vehicle" if state.taken_over else _BUSY.get(phase, "")
-        return _not_looked_at(xy, why or self._judge(xy, state, altitude_agl_m)[1])
+        if not why:
+            _, cause, why = self._judge(xy, state, altitude_agl_m)
+            why = "" if self._waits_for_battery(cause) else why
+        return _not_looked_at(xy, why)
 
-    def _judge(self, xy: XY, state: VehicleState, altitude_agl_m: float) -> tuple[Waypoint | None, str]:
-        """From where to look at a place, and the guard's objection, if there is one."""
+    def _judge(self, xy: XY, state: VehicleState, altitude_agl_m: float) -> tuple[Waypoint | None, str, str]:
+        """From where to look at a place; cause and reason of the guard's objection, if there is one."""
         scenario = self._m.scenario
         there = Waypoint(xy, scenario.search.check_altitude_agl_m, scenario.vehicle.cruise_speed_mps)
         lookout = self._clearance.lookout(there)
-        return lookout, self._guard.objection(state, altitude_agl_m, there, lookout)[1]
+        return lookout, *self._guard.objection(state, altitude_agl_m, there, lookout)
+
+    def _waits_for_battery(self, cause: str) -> bool:
+        return cause == RETURN_ENERGY and self._may_change_battery()
 
     def _refuse(self, time_s: float, sentence: str) -> None:
         if sentence:
@@ -119,13 +134,22 @@ class Desk:
         """Whether places are still to be looked at."""
         return self._n_seen < len(self._places)
 
-    def goal(self, state: VehicleState, altitude_agl_m: float, new: Detections | None) -> Waypoint | None:
-        """Where to fly for the operator now; None: no place is left. ``new`` are the newest detections."""
+    def goal(
+        self, state: VehicleState, altitude_agl_m: float, new: Detections | None
+    ) -> Waypoint | Alarm | None:
+        """Where to fly for the operator now, or that it takes another battery; None: no place is left.
+
+        ``new`` are the newest detections.
+        """
         while self.has_places:
             xy = self._places[self._n_seen]
             if self._goal is None:
-                self._goal, why = self._judge(xy, state, altitude_agl_m)
+                self._goal, cause, why = self._judge(xy, state, altitude_agl_m)
                 self._arrived_s, self._looks = math.inf, 0
+                if self._waits_for_battery(cause):
+                    self._goal = None
+                    sentence = f"{_place(xy)} waits for another battery: {why}."
+                    return Alarm(Action.RETURN, cause, sentence)
                 if why or self._goal is None:
                     self._refuse(state.time_s, _not_looked_at(xy, why))
                     self._places.pop(self._n_seen)
@@ -190,4 +214,8 @@ class Desk:
 
 
 def _not_looked_at(xy: XY, why: str) -> str:
-    return f"The place {xy[0]:.0f} m east, {xy[1]:.0f} m north is not looked at: {why}." if why else ""
+    return f"{_place(xy)} is not looked at: {why}." if why else ""
+
+
+def _place(xy: XY) -> str:
+    return f"The place {xy[0]:.0f} m east, {xy[1]:.0f} m north"

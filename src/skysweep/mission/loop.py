@@ -124,7 +124,9 @@ class Flight:
             scenario, self._fence, mission.return_altitude_agl_m, 2.0 * self._looks.usual_age_s
         )
         self._guard = Guard(scenario, self._fence, energy, self._looks, mission.obstacles, state.airborne)
-        self._desk = Desk(self._m, self._guard, self._clearance, self._notes)
+        self._desk = Desk(
+            self._m, self._guard, self._clearance, self._notes, lambda: self._may_change_battery
+        )
         self._was_asked = False  # the operator, at this tick
         self._worst = _ALL_WELL
         self._next_check_s = 0.0
@@ -316,7 +318,10 @@ class Flight:
                 state = yield from self._pass_time(state, Mode.HOLD, detections)
                 continue
             self._holding = False
-            if self._looks_for_operator(state, detections):
+            end = self._looks_for_operator(state, detections)
+            if end is not None and end is not _ALL_WELL:
+                return end
+            if end is _ALL_WELL:
                 state = yield from self._pass_time(state, Mode.LOOK, detections)
                 continue
             if self._goes_back(state):
@@ -404,7 +409,11 @@ class Flight:
     def _asks_for_battery(self, end: Alarm) -> bool:
         """Whether the search ends for its battery alone, and another one would let it go on."""
         is_for_battery = end.action is Action.RETURN and end.cause in (LOW_BATTERY, RETURN_ENERGY)
-        return is_for_battery and self._has_another_battery and self._gets_on
+        return is_for_battery and self._may_change_battery
+
+    @property
+    def _may_change_battery(self) -> bool:
+        return self._has_another_battery and self._gets_on
 
     @property
     def _has_another_battery(self) -> bool:
@@ -782,17 +791,23 @@ class Flight:
         self._router = Router(self._fence)  # its way began elsewhere
         return state
 
-    def _looks_for_operator(self, state: VehicleState, new: Detections | None) -> bool:
-        """Whether it flies to, or is at, a place that the operator asked for."""
+    def _looks_for_operator(self, state: VehicleState, new: Detections | None) -> Alarm | None:
+        """_ALL_WELL on the way to a place that the operator asked for, and there; None if there is none.
+
+        Another alarm says that it takes another battery.
+        """
         if self._desk.has_places or self._mode is Mode.LOOK:
             self._tell(state)
         goal = self._desk.goal(state, self._altitude_agl_m(state), new)
+        if isinstance(goal, Alarm):
+            self._notes.safety(state.time_s, goal)
+            return goal
         if goal is None:
-            return False
+            return None
         self._mode = Mode.LOOK
-        self._interrupted = self._going_back = True
+        self._interrupted = self._going_back = self._gets_on = True
         self._m.vehicle.command(self._setpoint(state, goal))
-        return True
+        return _ALL_WELL
 
     def _goes_back(self, state: VehicleState) -> bool:
         """Whether it flies back to where covering was interrupted, as the ground in between was not seen."""
