@@ -1,12 +1,15 @@
 """What the camera watch doubts and what it does not, in flights over a plain with a pattern."""
 
+import json
 import math
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
 from skysweep.geometry.camera import CameraPose, Lens
+from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.camera_watch import MEMORY_LOOKS, CameraWatch
 from skysweep.types import Frame
@@ -14,6 +17,7 @@ from skysweep.worlds.obstacles import known_obstacles
 
 LENS = Lens(320, 180, 1.2)
 PERIOD_S = 0.4
+PLAIN_ROOF = Path(__file__).parent / "data" / "plain-roof"
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -423,6 +427,18 @@ def test_a_part_that_goes_blank_stays_doubted_though_nothing_new_comes_below_it(
     assert None not in found[first(found) :]
     again = doubts(poses, [*sound[:20], *dead[:20], *sound[40:]])
     assert again[60:] == [None] * 40
+
+
+def test_a_plain_roof_that_grows_while_the_vehicle_descends_is_no_dirt():
+    """Pictures of a flight in `valley`: it covers texture faster than the ground below comes nearer."""
+    valley, watch = load_scenario("valley"), CameraWatch(known_obstacles(load_scenario("valley")))
+    poses = json.loads((PLAIN_ROOF / "poses.json").read_text())
+    assert len(poses) == 12
+    for pose in poses:
+        image = cv2.imread(str(PLAIN_ROOF / f"{pose['time_s']}.jpg"))
+        lens = Lens(image.shape[1], image.shape[0], valley.camera.hfov_rad)
+        camera = CameraPose(np.array(pose["position_enu_m"]), np.array(pose["R_camera_to_enu"]).reshape(3, 3))
+        assert watch.judge(Frame(pose["time_s"], image, camera, lens), UP) is None
 
 
 def test_a_border_between_fields_is_not_out_of_focus():

@@ -206,18 +206,18 @@ class CameraWatch:
     def _look_for_dirt(self, steps: Sequence[_Step]) -> None:
         """Doubt a lens of which a large part stands still while the rest moves, until it shows ground."""
         over_ground = [s for s in steps if s.moved.moved.mean() >= _MOVING and not s.drift_mps]
-        moving = [s.moved for s in over_ground[-_DIRT_STEPS:]]
+        moving = over_ground[-_DIRT_STEPS:]
         if len(moving) < _DIRT_STEPS:
             return
         if self._dirt is not None:
-            if (self._dirty & ~_shows_ground(moving)).mean() < _CLEAN_SHARE:
+            if (self._dirty & ~_shows_ground([s.moved for s in moving])).mean() < _CLEAN_SHARE:
                 self._dirt = None
             return
         self._dirty = _stuck(moving)
         share = self._dirty.mean()
         if share >= _DIRT_SHARE:
             why = f"has something on its lens: {share:.0%} of its picture stands still"
-            self._dirt = Doubt(why, over_ground[-_DIRT_STEPS].exposed_s)
+            self._dirt = Doubt(why, moving[0].exposed_s)
 
     def _doubt(self, why: str, since_s: float) -> None:
         """Start over: new comparisons have to prove the camera right."""
@@ -367,14 +367,21 @@ def _adds_up_m(steps_m: Sequence[F64]) -> F64:
     return np.asarray(np.hypot(*np.cumsum(steps_m[::-1], axis=0).reshape(-1, 2).T))
 
 
-def _stuck(motions: Sequence[GroundMotion]) -> Mask:
-    """CELLS of the largest connected part of the picture that nearly always stood still instead of moving."""
-    moved = np.sum([m.moved & m.tells for m in motions], axis=0)
-    still = np.sum([m.moved & m.still & ~m.followed for m in motions], axis=0)
-    stuck = (moved >= len(motions) // 2) & (still >= _NEARLY_ALWAYS * moved)
+def _stuck(steps: Sequence[_Step]) -> Mask:
+    """CELLS of the largest connected part of the picture that nearly always stood still instead of moving.
+
+    Where the ground is rough, a plain roof may move in front of texture: only what shows something stands.
+    """
+    moved = np.sum([s.moved.moved & s.moved.tells for s in steps], axis=0)
+    stood = [s.moved.moved & ~s.moved.followed & _stands(s) for s in steps]
+    stuck = (moved >= len(steps) // 2) & (np.sum(stood, axis=0) >= _NEARLY_ALWAYS * moved)
     _, parts, sizes, _ = cv2.connectedComponentsWithStats(stuck.astype(np.uint8), connectivity=4)
     sizes[0, cv2.CC_STAT_AREA] = 0
     return np.asarray(stuck & (parts == sizes[:, cv2.CC_STAT_AREA].argmax()))
+
+
+def _stands(step: _Step) -> Mask:
+    return step.moved.same if step.is_rough else step.moved.still
 
 
 def _shows_ground(motions: Sequence[GroundMotion]) -> Mask:

@@ -66,7 +66,8 @@ class GroundMotion(NamedTuple):
     alike: float  # share of that where both show the same
     moved: Mask  # CELLS in both that should have moved
     followed: Mask  # CELLS with texture that moved with the rest
-    still: Mask  # CELLS that show the same as before, or nothing where the ground has texture
+    same: Mask  # CELLS that show the same as before
+    still: Mask  # those, and CELLS that show nothing where the ground has texture
     tells: Mask  # CELLS of which either would be known
     remembered: F32  # that of the later ``View``, with the earlier one's
 
@@ -154,6 +155,7 @@ def motion(before: View, now: View, ground_m: float) -> GroundMotion:
         fit.alike,
         cells(fit.inside) & (moved_px >= _MOVED_PX),
         cells(fit.followed),
+        cells(same),
         cells(same | hidden),
         cells(same | hidden | (now.contrast >= _TEXTURED)),
         np.maximum(now.contrast, remembered),
