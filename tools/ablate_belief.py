@@ -54,8 +54,8 @@ def keep_the_shares(self: Suspects) -> None:
         self._weigh(suspect)
 
 
-def only_above(_: Checks, place_enu_m: Any) -> list[tuple[float, float]]:
-    return [(0.0, 0.0)]
+def no_view(_: Checks, *arguments: Any) -> None:
+    return None
 
 
 def go_home(_: Ground, *arguments: Any) -> None:
@@ -72,7 +72,8 @@ ABLATIONS: dict[str, list[Callable[[], Any]]] = {
         lambda: patch.object(Fit, "learn_spread", lambda *_: None),
     ],
     "leaving out what does not pay": [lambda: patch.object(Checks, "route", visit_all)],
-    "other sides": [lambda: patch.object(Checks, "sides_m", only_above)],
+    "other views": [lambda: patch.object(Checks, "next_view", no_view)],
+    "looks before it was found": [lambda: patch.object(Suspects, "_recall", lambda *_: None)],
     "slowing down in passing": [lambda: patch.object(checks, "_IN_PASSING", 1e-3)],
     "looking again at weakly searched ground": [lambda: patch.object(Ground, "again", go_home)],
 }

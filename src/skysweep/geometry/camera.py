@@ -109,7 +109,12 @@ def pose_between(a: CameraPose, b: CameraPose, share: float) -> CameraPose:
 def project(lens: Lens, pose: CameraPose, points_enu_m: ArrayLike) -> tuple[F64, F64]:
     """Pixels (N, 2) and depths (N,) in metres of points (N, 3). Depth <= 0 means behind the camera."""
     p = (np.atleast_2d(np.asarray(points_enu_m, dtype=float)) - pose.position_enu_m) @ pose.R_camera_to_enu
-    depth = p[:, 2]
+    return projected(lens, p)
+
+
+def projected(lens: Lens, points_camera_m: F64) -> tuple[F64, F64]:
+    """The same of points (N, 3) in the camera's axes."""
+    p, depth = points_camera_m, points_camera_m[:, 2]
     z = np.where(np.abs(depth) < 1e-9, 1e-9, depth)
     return lens.focal_px * p[:, :2] / z[:, None] + [lens.width_px / 2, lens.height_px / 2], depth
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from skysweep.scenarios.files import change_scenario, load_scenario
 from skysweep.strategies.belief.checks import Checks
+from skysweep.strategies.belief.goal import View
 from skysweep.strategies.belief.hypotheses import Hypotheses
 from skysweep.strategies.belief.parameters import BeliefParameters
 
@@ -94,15 +95,54 @@ def test_what_a_tree_hides_is_looked_at_from_beside_it():
     checks = Checks(context, BeliefParameters())
     across_m, along_m = CONTEXT.lens.footprint_m(height_m)
     hidden, open_ = np.array([50.5, 40.0, 0.0]), np.array([20.0, 20.0, 0.0])
-    assert checks.sides_m(open_)[0] == (0.0, 0.0)
+    assert checks.first_view(open_, height_m) == (0.0, 0.0, height_m)
+    assert checks.first_view(hidden, height_m + 3.0).height_m == height_m + 3.0
+    assert math.hypot(*checks.first_view(hidden, height_m)[:2]) > 1.0
     for place, n_others in ((hidden, 1), (open_, 8)):
-        first, *others = checks.sides_m(place)
-        assert len(others) >= n_others
-        for aside_m in (first, *others):
-            assert not context.obstacles.hide(place, place + np.array([*aside_m, height_m]))
-            assert math.hypot(*aside_m) < 0.5 * math.hypot(across_m, along_m)
-        assert all(math.dist(first, other) >= 0.3 * along_m for other in others)
-    assert math.hypot(*checks.sides_m(hidden)[0]) > 1.0
+        views = views_of(checks, place)
+        assert len(views) > n_others
+        for view in views:
+            assert not context.obstacles.hide(place, place + np.array(view))
+            far = math.hypot(*view[:2]) / view.height_m
+            assert far < 0.5 * math.hypot(across_m, along_m) / height_m
+
+
+def views_of(checks, place, loss_s=500.0):
+    """One after the other, from where the vehicle then is."""
+    signs, views = Hypotheses(CONTEXT, "stop sign", BeliefParameters()), []
+    view = checks.first_view(place, 12.0)
+    while view is not None:
+        views.append(view)
+        here = place + np.array(view)
+        view = checks.next_view(signs, signs.fresh(), 0.2, loss_s, place, here, views)
+    return views
+
+
+def test_every_view_shows_another_side_or_another_size():
+    checks = Checks(context_of(check_altitude_agl_m=12.0, scan_altitude_agl_m=30.0), BeliefParameters())
+    views = views_of(checks, np.array([20.0, 20.0, 0.0]))
+    assert {round(view.height_m, 1) for view in views} == {12.0, 18.0, 26.4}
+    for k, one in enumerate(views):
+        for other in views[:k]:
+            far, other_far = np.linalg.norm(one), np.linalg.norm(other)
+            turned = np.linalg.norm(np.array(one) / far - np.array(other) / other_far)
+            assert turned >= 0.2 or abs(math.log(far / other_far)) >= 0.3
+
+
+def test_no_view_is_from_above_the_scan():
+    checks = Checks(context_of(check_altitude_agl_m=12.0, scan_altitude_agl_m=16.0), BeliefParameters())
+    assert {view.height_m for view in views_of(checks, np.array([20.0, 20.0, 0.0]))} == {12.0}
+
+
+def test_a_view_is_worth_the_way_there():
+    checks = Checks(context_of(check_altitude_agl_m=12.0, scan_altitude_agl_m=30.0), BeliefParameters())
+    signs, place = Hypotheses(CONTEXT, "stop sign", BeliefParameters()), np.array([20.0, 20.0, 0.0])
+
+    def next_from(east_m):
+        here = place + np.array([east_m, 0.0, 12.0])
+        return checks.next_view(signs, signs.fresh(), 0.2, 1.0, place, here, [View(0.0, 0.0, 12.0)])
+
+    assert next_from(8.0).east_m > 0.0 > next_from(-8.0).east_m
 
 
 def test_looks_save_less_where_no_side_shows_the_place():

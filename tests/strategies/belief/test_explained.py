@@ -57,7 +57,7 @@ def test_what_is_told_of_a_probability_is_a_step_and_says_what_moved_it(records)
     assert 10 < len(told) < 100, "tens of lines a mission"
     last = {}
     for record in told:
-        stays_open = record["reason"].endswith(("another side may show more", "is a target"))
+        stays_open = record["reason"].endswith(("may show more", "is a target"))
         if record["kind"] == EventKind.REASSESSED and not stays_open:
             assert abs(log_odds(record) - last[record["candidate"]]) >= MOVED - ROUNDED
         assert stays_open or record["reason"].startswith(("found", "missed", "more or fewer are targets"))

@@ -306,10 +306,10 @@ def test_candidates_a_side_apart_do_not_take_turns_for_ever(apart_m, north, monk
     assert any(beside.step().waypoint is None for _ in range(1500))
 
 
-def test_a_refused_side_is_no_refused_candidate(monkeypatch):
+def test_a_refused_view_is_no_refused_candidate(monkeypatch):
     """It is looked at from above then; only what is refused there is left unchecked."""
     beside = Beside(60.0, 0.0, monkeypatch)
-    while not any("another side" in e.reason for e in beside.step().events):
+    while not any("another view" in e.reason for e in beside.step().events):
         assert beside.time_s < 200.0
     k = beside.strategy._goal.id
     command = beside.step("a no-fly area")

@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass, field
 from typing import Any
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from skysweep.arrays import F64
-from skysweep.geometry.camera import project
+from skysweep.geometry.camera import Lens, project, projected
 from skysweep.sensing.statistical.model import score_of
 from skysweep.strategies.belief.account import Account, within_clear
 from skysweep.strategies.belief.fit import Fit
 from skysweep.strategies.belief.hypotheses import Hypotheses
 from skysweep.strategies.belief.parameters import BeliefParameters
 from skysweep.strategies.context import MissionContext
-from skysweep.types import Candidate, Look
+from skysweep.types import Candidate, Look, Sighting
 
 _EM_STEPS = 3
-_REMEMBERED = 40  # looks, for those that missed a candidate before it was found
 _UNSURE_M = 0.7  # of a candidate's place: nearer to an edge of the picture a miss says nothing
 _SAME_STD_M = 0.8  # of a place seen in a hard manoeuvre, beside the tracker's covariance
 _SAME_FAR_M = 20.0
@@ -53,7 +52,8 @@ class Suspects:
     def __init__(self, context: MissionContext, parameters: BeliefParameters) -> None:
         self._context, self._parameters = context, parameters
         self._hypotheses: dict[str, Hypotheses] = {}
-        self._looks: deque[Look] = deque(maxlen=_REMEMBERED)
+        self._looks: list[Look] = []  # so far, or since the flight was resumed
+        self._eyes, self._Rs = np.empty((0, 3)), np.empty((0, 3, 3))  # of these, with room for more
         self.all: dict[int, Suspect] = {}
         self._probabilities: dict[int, float] = {}  # asked for since they changed
         t, g = parameters.target_share, parameters.ghost_share
@@ -132,9 +132,9 @@ class Suspects:
             if k in new:
                 class_name = candidates[k].class_name
                 self.all[k] = Suspect(k, class_name, self.hypotheses(class_name).fresh())
-                self._recall(self.all[k], candidates[k])
-            self.all[k].distinct |= hits.keys() - {k}
-        self._looks.append(look)
+                self._recall(self.all[k], candidates, look.lens)
+            self.all[k].distinct |= {j for j in hits if self._are_apart(hits[j], hits[k], candidates)}
+        self._remember(look)
         open_ = [s for k, s in self.all.items() if k not in settled]
         if not open_:
             return new
@@ -144,8 +144,9 @@ class Suspects:
         inside = (uv >= 0.0) & (uv <= size_px)
         in_view = (depth > 0.0) & inside[:, 0] & inside[:, 1]
         n_in_view = int(in_view.sum())
-        rows = zip(self.all.values(), places, uv.tolist(), depth.tolist(), in_view.tolist(), strict=True)
-        for suspect, place, (u, v), z, is_in_view in rows:
+        whole = _is_whole(look.lens, uv, depth, np.array([self._reach_m(s) for s in self.all.values()]))
+        rows = zip(self.all.values(), places, in_view.tolist(), whole.tolist(), strict=True)
+        for suspect, place, is_in_view, is_whole in rows:
             if suspect.id in settled:
                 continue
             suspect.in_view = is_in_view
@@ -154,11 +155,7 @@ class Suspects:
                 suspect.lowest_m = min(suspect.lowest_m, hit.camera_altitude_agl_m)
                 if not hit.is_cut:
                     self._update(suspect, look, place, hit.confidence, others)
-            elif (
-                is_in_view
-                and self._is_whole(look, u, v, z, suspect.class_name)
-                and not self._is_told(suspect, list(hits), candidates)
-            ):
+            elif is_whole and not self._is_told(suspect, list(hits), candidates):
                 self._update(suspect, look, place, None, others)
         self._learn()
         return new
@@ -191,28 +188,39 @@ class Suspects:
         squared = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
         return bool(squared <= _SAME_GATE)
 
+    def _are_apart(self, a: Sighting, b: Sighting, candidates: Mapping[int, Candidate]) -> bool:
+        """Whether two boxes of a picture are of two things: one may get two, nearer than it is long."""
+        kind, other = (candidates[hit.candidate_id].class_name for hit in (a, b))
+        apart_m = math.dist(a.position_enu_m[:2].tolist(), b.position_enu_m[:2].tolist())
+        return kind != other or apart_m >= self._context.sizes_m[kind][1]
+
     def _is_told(self, suspect: Suspect, found: Sequence[int], candidates: Mapping[int, Candidate]) -> bool:
         """Whether another candidate that may be the same thing was found instead."""
         return any(self.may_be_same(suspect.id, k, candidates) for k in found)
 
-    def _is_whole(self, look: Look, u: float, v: float, depth_m: float, class_name: str) -> bool:
-        """Whether all of a target there lies in the picture."""
-        largest_m = self._context.sizes_m[class_name][1]
-        margin = (0.5 * largest_m + _UNSURE_M) * look.lens.focal_px / max(depth_m, 0.3)
-        margin = min(margin, 0.3 * look.lens.height_px)
-        return margin <= u <= look.lens.width_px - margin and margin <= v <= look.lens.height_px - margin
+    def _reach_m(self, suspect: Suspect) -> float:
+        """From a candidate's place to where a target there may end."""
+        return 0.5 * self._context.sizes_m[suspect.class_name][1] + _UNSURE_M
 
-    def _recall(self, suspect: Suspect, candidate: Candidate) -> None:
-        """The looks before this one that missed it in the same passing."""
-        missed = []
-        for look in reversed(self._looks):
-            uv, depth = project(look.lens, look.camera, candidate.position_enu_m)
-            u, v = uv[0].tolist()
-            if depth[0] <= 0.0 or not self._is_whole(look, u, v, float(depth[0]), suspect.class_name):
-                break
-            missed.append(look)
-        for look in reversed(missed):
-            self._update(suspect, look, candidate.position_enu_m, None, len(look.hits))
+    def _remember(self, look: Look) -> None:
+        n = len(self._looks)
+        if n == len(self._eyes):
+            self._eyes = np.resize(self._eyes, (2 * n + 64, 3))
+            self._Rs = np.resize(self._Rs, (2 * n + 64, 3, 3))
+        self._eyes[n], self._Rs[n] = look.camera.position_enu_m, look.camera.R_camera_to_enu
+        self._looks.append(look)
+
+    def _recall(self, suspect: Suspect, candidates: Mapping[int, Candidate], lens: Lens) -> None:
+        """The looks before this one that missed it; of what may move, those of the same passing."""
+        place, n = candidates[suspect.id].position_enu_m, len(self._looks)
+        seen_from = np.einsum("nij,ni->nj", self._Rs[:n], place - self._eyes[:n])
+        uv, depth = projected(lens, seen_from)
+        whole = _is_whole(lens, uv, depth, np.full(n, self._reach_m(suspect)))
+        if self._context.search.target_speed_mps:
+            whole &= np.logical_and.accumulate(whole[::-1])[::-1]
+        for look in (self._looks[i] for i in np.flatnonzero(whole).tolist()):
+            if not self._is_told(suspect, [hit.candidate_id for hit in look.hits], candidates):
+                self._update(suspect, look, place, None, len(look.hits))
 
     def _update(
         self, suspect: Suspect, look: Look, place: F64, confidence: float | None, others: int
@@ -265,6 +273,14 @@ class Suspects:
             )
             for s in snapshot["suspects"]
         }
+
+
+def _is_whole(lens: Lens, uv: F64, depth_m: F64, reach_m: F64) -> NDArray[np.bool_]:
+    """(N,) whether all of what reaches so far around points at these pixels (N, 2) is in the picture."""
+    margin = reach_m * lens.focal_px / np.maximum(depth_m, 0.3)
+    margin = np.minimum(margin, 0.3 * lens.height_px)[:, None]
+    inside = (uv >= margin) & (uv <= [lens.width_px, lens.height_px] - margin)
+    return np.asarray((depth_m > 0.0) & inside[:, 0] & inside[:, 1])
 
 
 @njit(cache=True)

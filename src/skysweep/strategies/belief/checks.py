@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numba import njit
@@ -14,6 +14,7 @@ from skysweep.geometry.camera import CameraPose
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.planning.routing import tour_from
 from skysweep.scenarios.model import ALTITUDE_TOLERANCE_M
+from skysweep.strategies.belief.goal import View
 from skysweep.strategies.belief.hypotheses import Hypotheses
 from skysweep.strategies.belief.parameters import BeliefParameters
 from skysweep.strategies.context import MissionContext
@@ -25,10 +26,11 @@ _SIDES = ((0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (1, 1), (-1, 1), (1, -1)) 
 _BESIDE = [(0.0, 0.0), *((s * u, s * v) for s in (0.4, 0.8) for u, v in _SIDES)]  # of half the picture
 _PLACES_M = 0.5  # nearer to each other, places are taken for one
 _FAR_ABOVE_M = 100.0  # all that may hide a place
-_APART = 0.3  # of the picture's height: so far from each other are two sides
+_HIGHER = (1.0, 1.5, 2.2)  # times the check's height: from there, too, a place is looked at again
+_APART_RAD, _APART_OF_SCALE = 0.2, 0.3  # two views of one place that tell more than one, by either
 _AT_A_PLACE_S = 1.5  # that one more place takes beside the way there
-SIDE_S = 20.0  # of doubt are a reason to look from another side
-LOOKS_THERE = 5  # that tell something; then another side is due, or a verdict by the odds
+VIEW_S = 20.0  # of doubt are a reason for another view
+LOOKS_THERE = 5  # that tell something; then another view is due, or a verdict by the odds
 _IN_PASSING = 3  # looks for which a place stays in view at least
 _BRAKES_MPS2 = 4.0
 _STOP_S = 3.0  # that braking and speeding up take, where a candidate is not in view for so many looks
@@ -48,6 +50,7 @@ class Checks:
         self._height_m = self._demanded_m = search.check_altitude_agl_m
         if search.confirm_height_max_m is not None:
             self._demanded_m = max(self._height_m, search.confirm_height_max_m - ALTITUDE_TOLERANCE_M)
+        self._heights_m = [h for k in _HIGHER if (h := k * self._height_m) <= search.scan_altitude_agl_m]
         self._reach_m = _IN_VIEW * context.lens.footprint_m(self._height_m)[1]  # before it a place is in view
         self._obstacles, self._keep_m = context.obstacles, context.keep_m
         self._shows = context.shown
@@ -116,7 +119,7 @@ class Checks:
         if doubt_s == 0.0:
             return high_m
         high, low = (self._doubt_left(hypotheses, belief, nothing, place_enu_m, m) for m in (high_m, low_m))
-        worth_s = (high - low) * min(doubt_s, SIDE_S)
+        worth_s = (high - low) * min(doubt_s, VIEW_S)
         return low_m if worth_s > takes_s else high_m
 
     def _takes_s(self, away_m: float, above_m: float, height_m: float) -> float:
@@ -131,7 +134,12 @@ class Checks:
         self, hypotheses: Hypotheses, belief: F64, nothing: float, place_enu_m: F64, height_m: float
     ) -> float:
         """Share of today's doubt that looks from so high above a place leave."""
-        eye = CameraPose(place_enu_m + np.array([0.0, 0.0, height_m]), self._R)
+        return self._doubt_of(hypotheses, belief, nothing, place_enu_m, View(0.0, 0.0, height_m))
+
+    def _doubt_of(
+        self, hypotheses: Hypotheses, belief: F64, nothing: float, place_enu_m: F64, view: View
+    ) -> float:
+        eye = CameraPose(place_enu_m + np.array(view), self._R)
         return hypotheses.confusion(belief, eye, place_enu_m, nothing)
 
     def speed_mps(self, away_m: float) -> float:
@@ -140,27 +148,52 @@ class Checks:
         brakes_m = max(away_m - self._reach_m, 0.0)
         return min(self._speed_mps, math.sqrt(passing_mps**2 + 2.0 * _BRAKES_MPS2 * brakes_m))
 
-    def sides_m(self, place_enu_m: F64) -> list[XY]:
-        """From how far east and north of a place (3,) the camera sees it in a check, best first.
+    def first_view(self, place_enu_m: F64, height_m: float) -> View:
+        """From straight above a place (3,) or, where a tree or a wall hides it, from the nearest clear side.
 
-        The first is straight above or, where a tree or a wall hides it, the nearest that was tried. The
-        others are from all sides of that, so far apart that the picture of the place is another one. Where
-        the vehicle does not come because of obstacles is no side; straight above is one where none is left.
+        It is straight above, too, where nothing shows it.
         """
-        first, *rest = self._seen_from_m(place_enu_m) or [(0.0, 0.0)]
-        apart_m = _APART * self._lens.footprint_m(self._height_m)[1]
-        return [first, *(xy for xy in rest if math.dist(xy, first) >= apart_m)]
+        side = next(self._views(place_enu_m, self._height_m), None)
+        return View(0.0, 0.0, height_m) if side is None else side._replace(height_m=height_m)
 
-    def _seen_from_m(self, place_enu_m: F64) -> list[XY]:
-        across_m, along_m = self._lens.footprint_m(self._height_m)
+    def next_view(
+        self,
+        hypotheses: Hypotheses,
+        belief: F64,
+        nothing: float,
+        loss_s: float,
+        place_enu_m: F64,
+        here_enu_m: F64,
+        tried: Sequence[View],
+    ) -> View | None:
+        """From where else a place (3,) is looked at, from where that costs least; None: from nowhere.
+
+        Another view is so far from those ``tried`` that it shows the place from another direction, or in
+        another size. It costs the way there from ``here_enu_m`` (3,), and what the doubt that it leaves of
+        ``loss_s`` costs. Where the vehicle does not come because of obstacles is no view.
+        """
+        best, least_s = None, math.inf
+        for height_m in self._heights_m:
+            for view in self._views(place_enu_m, height_m):
+                if any(_is_alike(view, other) for other in tried):
+                    continue
+                x, y, z = (place_enu_m + np.array(view) - here_enu_m).tolist()
+                takes_s = max(math.hypot(x, y) / self._speed_mps, self._vertical_s(0.0, z))
+                doubt = self._doubt_of(hypotheses, belief, nothing, place_enu_m, view)
+                if takes_s + doubt * loss_s < least_s:
+                    best, least_s = view, takes_s + doubt * loss_s
+        return best
+
+    def _views(self, place_enu_m: F64, height_m: float) -> Iterator[View]:
+        """From a height, those that the camera has of a place (3,): straight above and from the sides."""
+        across_m, along_m = self._lens.footprint_m(height_m)
         right, down = self._R[:, 0] * across_m / 2.0, self._R[:, 1] * along_m / 2.0
-        up = np.array([0.0, 0.0, self._height_m])
-        return [
-            (float(aside[0]), float(aside[1]))
-            for aside in (u * right + v * down for u, v in _BESIDE)
-            if self._is_clear(place_enu_m + aside + up)
-            and not self._obstacles.hide(place_enu_m, place_enu_m + aside + up)
-        ]
+        for u, v in _BESIDE:
+            east_m, north_m, _ = (u * right + v * down).tolist()
+            view = View(east_m, north_m, height_m)
+            eye = place_enu_m + np.array(view)
+            if self._is_clear(eye) and not self._obstacles.hide(place_enu_m, eye):
+                yield view
 
     def shown(self, place_enu_m: F64) -> float:
         """How probably a look from the best side shows what is at a place (3,)."""
@@ -170,15 +203,21 @@ class Checks:
         near = round(x / _PLACES_M), round(y / _PLACES_M), round(z / _PLACES_M)
         if near not in self._shown:
             place = np.array(near) * _PLACES_M
-            sides_m = self._seen_from_m(place)
-            from_m = [*sides_m[0], self._height_m] if sides_m else [0.0, 0.0, _FAR_ABOVE_M]
-            self._shown[near] = self._shows(place, place + np.array(from_m))
+            view = next(self._views(place, self._height_m), View(0.0, 0.0, _FAR_ABOVE_M))
+            self._shown[near] = self._shows(place, place + np.array(view))
         return self._shown[near]
 
     def _is_clear(self, eye_enu_m: F64) -> bool:
         """Whether no tree or building is nearer than the vehicle goes."""
         top_m = self._obstacles.top_within_m(eye_enu_m[None, :2], self._keep_m).item()
         return bool(top_m + self._keep_m <= eye_enu_m[2])
+
+
+def _is_alike(one: View, other: View) -> bool:
+    """Whether both show a place in about the same size, from about the same direction."""
+    far_m, other_m = math.hypot(*one), math.hypot(*other)
+    turned = math.dist([x / far_m for x in one], [x / other_m for x in other])
+    return turned < _APART_RAD and abs(math.log(far_m / other_m)) < _APART_OF_SCALE
 
 
 @njit(cache=True)

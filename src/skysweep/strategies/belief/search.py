@@ -18,8 +18,8 @@ import numpy as np
 
 from skysweep.scenarios.model import ALTITUDE_TOLERANCE_M
 from skysweep.strategies.belief.candidates import Suspects
-from skysweep.strategies.belief.checks import LOOKS_THERE, SIDE_S, Checks
-from skysweep.strategies.belief.goal import Goal
+from skysweep.strategies.belief.checks import LOOKS_THERE, VIEW_S, Checks
+from skysweep.strategies.belief.goal import Goal, View
 from skysweep.strategies.belief.ground import LOOKS_AGAIN, Ground
 from skysweep.strategies.belief.parameters import BeliefParameters
 from skysweep.strategies.belief.timing import Timing
@@ -37,7 +37,7 @@ _SMALL_DOUBT_S = 5.0  # is no reason for one
 _SUPPOSED, _SUPPOSED_SHARE = 5.0, 0.1  # targets of a search before any is found, and how much that weighs
 _TURNS = 3  # to a candidate that is not worth the way after all, then to another: not for ever
 _MOST_URGENT = 10  # candidates that are priced at one look
-_SIDES = 4  # more that a candidate is looked at from
+_VIEWS = 5  # of a candidate
 _NEARER = 0.6  # of the way to the goal: for a place this near the goal is changed
 _PATIENCE = 0.5  # share of the doubt with which a candidate in view is confirmed; the next look is free
 
@@ -246,7 +246,7 @@ class BeliefSearch:
         goal = self._goal
         if goal is not None and k == goal.id and goal.looks_before is not None:
             n = self._suspects.all[k].n_looks - goal.looks_before
-            looked = f"after {n} more look{'' if n == 1 else 's'} from {goal.height_m:.0f} m "
+            looked = f"after {n} more look{'' if n == 1 else 's'} from {goal.view.height_m:.0f} m "
         return f"{looked}a mistake costs {self._verdicts_s(k)[verdict]:.0f} s on average"
 
     # ---- checks ------------------------------------------------------------------------------------------
@@ -332,8 +332,9 @@ class BeliefSearch:
 
     def _attend(self, seen: Observation, here: XY, events: list[Event]) -> None:
         """What the newest looks say of the goal, and of what may be one thing with a confirmed candidate."""
-        if seen.refused and self._goal is not None and self._goal.sides_m[0] != (0.0, 0.0):
-            self._goal.look_from([(0.0, 0.0)])  # a side is refused, not the candidate
+        above = View(0.0, 0.0, self._search.check_altitude_agl_m)
+        if seen.refused and self._goal is not None and self._goal.view != above:
+            self._goal.look_from(above)  # a view is refused, not the candidate
         elif seen.refused and self._goal is not None:
             self._settle(seen, self._goal.id, EventKind.UNCHECKED, events, seen.refused)
         if seen.looks:
@@ -347,7 +348,7 @@ class BeliefSearch:
         x, y, _ = seen.vehicle.position_enu_m.tolist()
         return Waypoint(
             to,
-            goal.height_m,
+            goal.view.height_m,
             self._checks.speed_mps(math.dist((x, y), to)),
             to_look=True,
             then_xy_enu_m=None if goal.stops else then,
@@ -380,16 +381,16 @@ class BeliefSearch:
     def _turn_to(
         self, seen: Observation, k: int, events: list[Event], looks_s: Mapping[str, float], more: str = ""
     ) -> None:
-        sides_m = self._checks.sides_m(seen.candidates[k].position_enu_m)
-        self._goal = Goal(k, self._height_m(seen, k), sides_m[: 1 + _SIDES])
+        place = seen.candidates[k].position_enu_m
+        self._goal = Goal(k, self._checks.first_view(place, self._height_m(seen, k)))
         reason = f"a verdict now costs {self._loss_s(k):.0f} s on average{more}"
         options = _cheapest_first({**self._verdicts_s(k), **looks_s})
         events.append(self._event(EventKind.CHECK_STARTED, seen, k, reason, options))
 
     def _height_m(self, seen: Observation, k: int) -> float:
         """Above a candidate, from which a closer look is taken."""
-        if self._goal is not None and self._goal.id == k and self._goal.is_from_aside:
-            return self._search.check_altitude_agl_m
+        if self._goal is not None and self._goal.id == k and self._goal.tried:
+            return self._goal.view.height_m
         suspect, p = self._suspects.all[k], self._suspects.probability(k)
         doubt_s = min(p * self._p.missed_cost_s, (1.0 - p) * self._p.alarm_cost_s)
         return self._checks.height_m(
@@ -426,15 +427,16 @@ class BeliefSearch:
         return _cheapest_first({**self._verdicts_s(k), _a_look(height_m) + back: look_s})
 
     def _judge_goal(self, seen: Observation, here: XY, events: list[Event]) -> None:
-        """Once it was looked at enough from there: look from another side, or decide."""
+        """Once it was looked at enough from there: look from elsewhere, or decide."""
         if self._goal is None:
             return
         goal, k = self._goal, self._goal.id
-        goal.height_m = self._height_m(seen, k)
-        to, height_m = self._beside(seen, goal), goal.height_m
+        goal.view = goal.view._replace(height_m=self._height_m(seen, k))
+        to, height_m = self._beside(seen, goal), goal.view.height_m
         if seen.lookout is not None:
             to, height_m = seen.lookout.xy_enu_m, seen.lookout.altitude_agl_m
-        if seen.altitude_agl_m > height_m + _LEVEL_M and not _hovers(seen):
+        above_m = seen.altitude_agl_m - height_m
+        if (above_m > _LEVEL_M or (goal.tried and above_m < -_LEVEL_M)) and not _hovers(seen):
             return
         told = self._suspects.all[k].n_looks
         if goal.looks_before is None:
@@ -446,9 +448,12 @@ class BeliefSearch:
         is_clear = looks >= _LOOKS_AT_LEAST and self._loss_s(k) < _SMALL_DOUBT_S
         if not is_clear and looks < LOOKS_THERE and goal.looks_above < _LOOKS_AT_MOST:
             return
-        if self._loss_s(k) > SIDE_S and len(goal.sides_m) > 1:
-            goal.look_from(goal.sides_m[1:])
-            events.append(self._stays_open(seen, k, "another side may show more"))
+        view = self._another_view(seen, goal)
+        if view is not None:
+            goal.look_from(view)
+            events.append(
+                self._stays_open(seen, k, f"another view, from {view.height_m:.0f} m, may show more")
+            )
         elif is_clear or not self._waits(k):
             self._decide(seen, k, events)
         else:
@@ -456,6 +461,20 @@ class BeliefSearch:
             why = "more of the scan will tell how likely such a thing is a target"
             events.append(self._stays_open(seen, k, why))
             self._goal = None
+
+    def _another_view(self, seen: Observation, goal: Goal) -> View | None:
+        if self._loss_s(goal.id) <= VIEW_S or len(goal.tried) + 1 >= _VIEWS:
+            return None
+        suspect = self._suspects.all[goal.id]
+        return self._checks.next_view(
+            self._suspects.hypotheses(suspect.class_name),
+            suspect.belief,
+            self._suspects.nothing,
+            self._loss_s(goal.id),
+            seen.candidates[goal.id].position_enu_m,
+            seen.vehicle.position_enu_m,
+            [*goal.tried, goal.view],
+        )
 
     def _waits(self, k: int) -> bool:
         """Whether a verdict can wait for the end of the scan: by then it is known how many are targets."""
@@ -466,8 +485,8 @@ class BeliefSearch:
 
     def _beside(self, seen: Observation, goal: Goal) -> XY:
         """From where it is looked at."""
-        (x, y), (east_m, north_m) = self._xy(seen, goal.id), goal.sides_m[0]
-        return x + east_m, y + north_m
+        x, y = self._xy(seen, goal.id)
+        return x + goal.view.east_m, y + goal.view.north_m
 
     def _xy(self, seen: Observation, k: int) -> XY:
         x, y, _ = seen.candidates[k].position_enu_m.tolist()
@@ -519,7 +538,8 @@ class BeliefSearch:
         self._again = None if again is None else (again[0], again[1])
         self._route, self._turns = list(snapshot["route"]), dict(snapshot["turns"])
         if goal is not None:
-            goal = Goal(**{**goal, "sides_m": [(east_m, north_m) for east_m, north_m in goal["sides_m"]]})
+            views = {"view": View(*goal["view"]), "tried": [View(*view) for view in goal["tried"]]}
+            goal = Goal(**{**goal, **views})
         self._goal, self._said = goal, snapshot["said"]
         self._searched_s = snapshot["searched_s"]
 
