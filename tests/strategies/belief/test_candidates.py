@@ -51,8 +51,8 @@ def test_of_what_may_move_only_the_looks_of_this_passing_count():
     assert believed([*EARLY, LATE], target_speed_mps=0.5) < 0.5 * new
 
 
-@pytest.mark.parametrize(("apart_m", "may_be_same"), [(0.6, True), (1.4, False)])
-def test_two_boxes_of_one_picture_may_be_of_one_sign_if_it_is_that_long(apart_m, may_be_same):
+@pytest.mark.parametrize(("apart_m", "may_be_same"), [(0.4, True), (0.8, False)])
+def test_two_boxes_of_one_picture_may_be_of_one_sign_if_they_are_near_each_other(apart_m, may_be_same):
     suspects = Suspects(context_of(), BeliefParameters())
     places = {1: PLACE, 2: PLACE + np.array([apart_m, 0.0, 0.0])}
     both = {k: candidate(k, place) for k, place in places.items()}

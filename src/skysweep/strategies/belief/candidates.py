@@ -25,6 +25,7 @@ _EM_STEPS = 3
 _UNSURE_M = 0.7  # of a candidate's place: nearer to an edge of the picture a miss says nothing
 _SAME_STD_M = 0.8  # of a place seen in a hard manoeuvre, beside the tracker's covariance
 _SAME_FAR_M = 20.0
+_OF_ONE = 0.6  # of its length: nearer to each other two boxes of one picture may be of one thing
 _PLAIN = ("id", "class_name", "evidence", "n_looks", "in_view")  # of a suspect, kept as they are
 _SAME_GATE = 6.0  # 95 % of a chi-squared variable with 2 degrees of freedom
 
@@ -189,10 +190,10 @@ class Suspects:
         return bool(squared <= _SAME_GATE)
 
     def _are_apart(self, a: Sighting, b: Sighting, candidates: Mapping[int, Candidate]) -> bool:
-        """Whether two boxes of a picture are of two things: one may get two, nearer than it is long."""
+        """Whether two boxes of a picture are of two things: a large one may get two, near each other."""
         kind, other = (candidates[hit.candidate_id].class_name for hit in (a, b))
         apart_m = math.dist(a.position_enu_m[:2].tolist(), b.position_enu_m[:2].tolist())
-        return kind != other or apart_m >= self._context.sizes_m[kind][1]
+        return kind != other or apart_m >= _OF_ONE * self._context.sizes_m[kind][1]
 
     def _is_told(self, suspect: Suspect, found: Sequence[int], candidates: Mapping[int, Candidate]) -> bool:
         """Whether another candidate that may be the same thing was found instead."""

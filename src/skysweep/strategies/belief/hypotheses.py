@@ -5,9 +5,10 @@ model (``sensing/statistical/model.py``) gives the score of its looks a mean and
 target. Each hypothesis keeps a belief of its luck (``sensing/statistical/luck.py``), whose likelihood is its
 weight.
 
-Lapses are taken as each look's own, though the model knows what looks have of them in common. With that, ten
-hits tell a look-alike from a target hardly better than one, and which look-alikes there are is a guess: ten
-missions with a thermal camera's pictures found 65 % of the persons so, and all of them as it is.
+What looks at a target have of their lapses in common is as the model says: a passing that missed it in
+fourteen looks may have missed it once. Other things' lapses are taken as each look's own. If they were
+shared, too, ten hits would tell a look-alike from a target hardly better than one, and which look-alikes
+there are is a guess: ten missions with a thermal camera's pictures found 65 % of the persons so.
 """
 
 from __future__ import annotations
@@ -54,7 +55,8 @@ _ANIMALS = {"sheep", "deer", "dog"}  # a mission is not told whether there are a
 _LAND_KINDS = {"stump", "red bucket", "red round sign", "stop sign"}
 _SURPRISE_MAX = 9.0
 _REPORTED_LEAST = 1e-3  # probability that a passing reports it
-_SIZE, _SHAPE, _HEIGHT, _VIEW, _COMPANY, _UNSURE, _OBJECT_SHARE, _ASPECT_SHARE, _FADE = range(9)  # of one
+_SIZE, _SHAPE, _HEIGHT, _VIEW, _COMPANY, _UNSURE = range(6)  # of one
+_OBJECT_SHARE, _ASPECT_SHARE, _FADE, _LAPSE_OBJECT_SHARE, _LAPSE_ASPECT_SHARE = range(6, 11)
 
 
 class Hypotheses:
@@ -79,7 +81,8 @@ class Hypotheses:
             height = 0.5 * size if shape == STANDING else 0.0
             unsure = math.hypot(kind.contrast * own, parameters.model_std if is_target else 0.0)
             shares = kind.object_share, kind.aspect_share, kind.fade_rad
-            numbers.append([size, shape, height, kind.view, kind.company, unsure, *shares])
+            of_lapses = (kind.lapse_object_share, kind.lapse_aspect_share) if is_target else (0.0, 0.0)
+            numbers.append([size, shape, height, kind.view, kind.company, unsure, *shares, *of_lapses])
         self._tables = np.array(tables)
         self._numbers = np.array(numbers)
         spreads = self._tables[:, len(model.pixels) : 2 * len(model.pixels)].mean(axis=1)
@@ -391,9 +394,13 @@ def _look(
             lapse = max(expected[3], lapse_floor)
             object_share, aspect_share = numbers[i, _OBJECT_SHARE], numbers[i, _ASPECT_SHARE]
             unsure, fade_rad = numbers[i, _UNSURE], numbers[i, _FADE]
+            of_model = expected[3] / lapse  # the rest is each look's own
+            lapse_object = of_model * numbers[i, _LAPSE_OBJECT_SHARE]
+            lapse_aspect = of_model * numbers[i, _LAPSE_ASPECT_SHARE]
             if is_target[i]:
                 spread *= widened
         else:
+            lapse_object = lapse_aspect = 0.0
             pixels, mean, spread, lapse = 1.0, ghost[0], ghost[1], ghost[2]
             object_share, aspect_share, unsure, fade_rad = ghost[3], 0.0, 0.0, 1.0
         middle, variance = update(
@@ -407,8 +414,8 @@ def _look(
             lapse,
             object_share,
             aspect_share,
-            0.0,
-            0.0,
+            lapse_object,
+            lapse_aspect,
             unsure,
             score,
             threshold,
