@@ -20,7 +20,7 @@ import numpy as np
 from skysweep.experiments.sweep.spec import load_spec, scenarios_of
 from skysweep.flights.fly import fly_in_memory
 from skysweep.planning.routing import tour_from
-from skysweep.strategies.belief import checks
+from skysweep.strategies.belief import checks, hypotheses
 from skysweep.strategies.belief.candidates import Suspects
 from skysweep.strategies.belief.checks import Checks
 from skysweep.strategies.belief.fit import Fit
@@ -30,12 +30,18 @@ from skysweep.strategies.belief.hypotheses import Hypotheses
 SWEEP = Path(__file__).parent.parent / "examples" / "belief.yaml"
 FAMILIES = ("clusters", "sparse-random", "maritime", "person-wilderness")
 FIRST_SEED = 50_000  # as the sweep
+_SHARES = [
+    hypotheses._OBJECT_SHARE,
+    hypotheses._ASPECT_SHARE,
+    hypotheses._LAPSE_OBJECT_SHARE,
+    hypotheses._LAPSE_ASPECT_SHARE,
+]
 init, learn = Hypotheses.__init__, Suspects._learn
 
 
 def independent(self: Hypotheses, *arguments: Any) -> None:
     init(self, *arguments)
-    self._numbers[:, 5:7] = 0.0
+    self._numbers[:, _SHARES] = 0.0
 
 
 def visit_all(_: Checks, here: Any, places: Any, losses_s: Any) -> list[int]:
@@ -64,7 +70,7 @@ def go_home(_: Ground, *arguments: Any) -> None:
 
 ABLATIONS: dict[str, list[Callable[[], Any]]] = {
     "nothing": [],
-    "looks that are alike in one passing": [lambda: patch.object(Hypotheses, "__init__", independent)],
+    "what looks have in common": [lambda: patch.object(Hypotheses, "__init__", independent)],
     "what a scan does not report": [lambda: patch.object(Hypotheses, "_reported", all_reported)],
     "learning what share is what": [lambda: patch.object(Suspects, "_learn", keep_the_shares)],
     "learning how targets look": [

@@ -240,7 +240,7 @@ class Suspects:
         self._weigh(suspect)
 
     def snapshot(self) -> dict[str, Any]:
-        """As plain data, without the newest looks."""
+        """As plain data, without the looks."""
         return {
             "shares": self._shares.tolist(),
             "fit": asdict(self.fit),

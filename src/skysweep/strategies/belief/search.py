@@ -508,7 +508,7 @@ class BeliefSearch:
         return self._event(EventKind.REASSESSED, seen, k, f"{words}; {why}" if words else why)
 
     def snapshot(self) -> dict[str, Any]:
-        """The whole state as plain data, but for the newest looks."""
+        """The whole state as plain data, but for the looks."""
         return {
             "to_scan": [list(p) for p in self._to_scan],
             "left_xy": None if self._left is None else list(self._left),
