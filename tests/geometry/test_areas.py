@@ -10,6 +10,7 @@ from skysweep.geometry.areas import (
     headings_of,
     intervals_in_bands,
     swept_rectangles,
+    turned_boxes,
 )
 
 
@@ -71,3 +72,12 @@ def test_bands_give_what_the_area_spans_and_join_narrow_gaps():
     assert intervals_in_bands(area, [[0.0, 8.0]], min_gap=4.0)[0].tolist() == [[0.0, 30.0]]
     assert split[1].tolist() == [[0.0, 30.0]]
     assert split[2].shape == (0, 2)
+
+
+def test_a_box_is_turned_about_its_centre():
+    one, other = turned_boxes([(5.0, 6.0), (0.0, 0.0)], [(4.0, 2.0), (4.0, 2.0)], [np.pi / 2, np.pi / 4])
+    assert one.bounds == pytest.approx((4.0, 4.0, 6.0, 8.0))
+    assert other.area == pytest.approx(8.0)
+    assert other.covers(shapely.Point(1.3, 1.3))
+    assert not other.covers(shapely.Point(1.3, -1.3))
+    assert len(turned_boxes([], [], [])) == 0

@@ -5,9 +5,11 @@ import time
 import numpy as np
 import pytest
 import shapely
+import shapely.affinity
 
-from skysweep.scenarios.model import Generator
+from skysweep.scenarios.model import Generator, Scenario
 from skysweep.worlds.places import Ground, generate_positions, scattered
+from skysweep.worlds.world import build_world
 
 FIELD = shapely.Polygon([(0, 0), (200, 0), (200, 100), (120, 100), (120, 40), (0, 40)])
 STRIP = shapely.Polygon([(0, 0), (9000, 9000), (9000, 9004), (0, 4)], [[(10, 11), (50, 51), (50, 52)]])
@@ -64,3 +66,24 @@ def test_what_is_scattered_farther_than_the_area_stays_in_it():
         moved = scattered((0.5, 0.5), 1000.0, small, np.random.default_rng(seed))
         assert small.covers(moved)
     assert not small.covers(scattered((5.0, 5.0), 1000.0, small, np.random.default_rng(0)))
+
+
+@pytest.mark.parametrize("pattern", ["uniform", "clustered", "sparse"])
+def test_what_is_placed_at_random_stays_clear_of_buildings(pattern):
+    """A house takes most of the area; what is written to be in it stays there."""
+    house = {"position_enu_m": [20, 15], "size_m": [34, 20], "yaw_deg": 10}
+    scenario = Scenario.model_validate(
+        {
+            "name": "house",
+            "area": {"polygon_enu_m": [[0, 0], [40, 0], [40, 30], [0, 30]]},
+            "home": {"position_enu_m": [-5, -5]},
+            "buildings": [house],
+            "targets": [{"class": "person", "position_enu_m": [20, 15]}],
+            "generators": [{"class": "person", "pattern": pattern, "count": 40, "seed": None}],
+        }
+    )
+    inside, *placed = build_world(scenario, 3).objects
+    assert inside.position_enu_m[:2].tolist() == [20.0, 15.0]
+    walls = shapely.affinity.rotate(shapely.box(3, 5, 37, 25), 10)
+    gaps_m = shapely.distance(walls, shapely.points([o.position_enu_m[:2] for o in placed]))
+    assert gaps_m.min() >= 0.999

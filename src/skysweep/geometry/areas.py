@@ -34,6 +34,15 @@ def edge_headings(area: shapely.Polygon) -> F64:
     return headings_of(legs)[np.argsort(-lengths, kind="stable")] % 180.0
 
 
+def turned_boxes(centres_xy: ArrayLike, sizes_m: ArrayLike, yaws_rad: ArrayLike) -> NDArray[np.object_]:
+    """Rectangles (N,) around centres (N, 2), of length and width (N, 2), their length at yaws (N,) in ENU."""
+    centres, halves = np.reshape(centres_xy, (-1, 1, 2)), np.reshape(sizes_m, (-1, 1, 2)) / 2.0
+    corners = halves * [(1, -1), (1, 1), (-1, 1), (-1, -1)]
+    cos, sin = np.cos(yaws_rad).reshape(-1, 1), np.sin(yaws_rad).reshape(-1, 1)
+    x, y = corners[..., 0], corners[..., 1]
+    return np.asarray(shapely.polygons(centres + np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)))
+
+
 def _edges(area: shapely.Polygon) -> F64:
     """All edges (N, 2, 2), outer ring and holes."""
     rings = [shapely.get_coordinates(ring) for ring in (area.exterior, *area.interiors)]

@@ -9,16 +9,15 @@ from typing import get_args
 
 import numpy as np
 import shapely
-import shapely.affinity
 from numpy.typing import NDArray
 
 from skysweep.errors import UserError
+from skysweep.geometry.areas import turned_boxes
 from skysweep.planning.flight_plan import FlightEstimate, plan_scenario
 from skysweep.scenarios.model import (
     DEFAULT_SIZE_M,
     MARGIN_M,
     MAX_TREES,
-    Building,
     Scenario,
     Search,
     TargetClass,
@@ -303,13 +302,16 @@ def _about_targets(scenario: Scenario) -> Iterator[str]:
     generated = any(g.kind in get_args(TargetClass) for g in scenario.generators)
     if not scenario.targets and not generated:
         yield "targets: there are none, so nothing can be found; write targets or generators"
-    area = scenario.area_enu_m
+    area, own = scenario.area_enu_m, scenario.buildings
+    places, sizes = [b.position_enu_m for b in own], [b.size_m for b in own]
+    houses = [*turned_boxes(places, sizes, np.radians([b.yaw_deg for b in own]))]
+    houses += [box.outline() for box in mapped_buildings(scenario)] if scenario.targets else []
     for index, target in enumerate(scenario.targets):
         place = shapely.Point(target.position_enu_m)
         x, y = target.position_enu_m
         if not area.covers(place):
             yield f"targets[{index}]: lies outside the area at [{x:g}, {y:g}] and will not be searched for"
-        elif any(_outline(b).covers(place) for b in scenario.buildings):
+        elif shapely.covers(houses, place).any():
             yield f"targets[{index}]: lies inside a building at [{x:g}, {y:g}] and cannot be seen"
 
 
@@ -395,10 +397,3 @@ def _about_speeds(scenario: Scenario) -> Iterator[str]:
             f"vehicle sustains (safety.air_speed_max_mps: {air_mps:g}), and it is blown off its transects; "
             + (f"write {held_mps:g} or less" if held_mps > 0.0 else "wait for less wind")
         )
-
-
-def _outline(building: Building) -> shapely.Polygon:
-    length, width = building.size_m
-    box = shapely.box(-length / 2, -width / 2, length / 2, width / 2)
-    turned = shapely.affinity.rotate(box, building.yaw_deg, origin=(0, 0))
-    return shapely.transform(turned, lambda xy: xy + np.asarray(building.position_enu_m))

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import shapely
-import shapely.affinity
 import shapely.ops
 from numpy.typing import ArrayLike
 from shapely.geometry import shape
@@ -21,6 +20,7 @@ from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.files.geojson import read_geojson
 from skysweep.files.reading import stamp_of
+from skysweep.geometry.areas import turned_boxes
 from skysweep.geometry.frames import LocalFrame
 from skysweep.scenarios.model import MAX_BUILDINGS
 from skysweep.worlds.rasters import Bounds
@@ -73,10 +73,7 @@ class Box:
 
     def outline(self) -> shapely.Polygon:
         """Its walls, seen from above."""
-        (x, y), (length, width) = self.position_enu_m, self.size_m
-        cos, sin = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
-        box = shapely.box(-length / 2, -width / 2, length / 2, width / 2)
-        return shapely.affinity.affine_transform(box, [cos, -sin, sin, cos, x, y])
+        return turned_boxes(self.position_enu_m, self.size_m, self.yaw_rad)[0]
 
 
 @dataclass(frozen=True, slots=True)

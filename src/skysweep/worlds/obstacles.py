@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 import shapely
-import shapely.affinity
 from numba import njit
 from numpy.typing import NDArray
 
 from skysweep.arrays import F64, I64
+from skysweep.geometry.areas import turned_boxes
 from skysweep.scenarios.model import Scenario
 from skysweep.types import XY, Mode
 from skysweep.worlds.grid import Grid, around
@@ -80,9 +80,9 @@ class Obstacles:
         """Polygons (N,) of the solids, seen from above."""
         x, y, cos, sin, a, b, r = self.solids[:, :7].T
         cores = shapely.points(x, y)
-        for k in np.flatnonzero(a > 0.0):
-            box = shapely.box(-a[k], -b[k], a[k], b[k])
-            cores[k] = shapely.affinity.affine_transform(box, [cos[k], -sin[k], sin[k], cos[k], x[k], y[k]])
+        walls = a > 0.0
+        sizes, yaws = 2.0 * np.column_stack([a, b]), np.arctan2(sin, cos)
+        cores[walls] = turned_boxes(np.column_stack([x, y])[walls], sizes[walls], yaws[walls])
         return np.asarray(shapely.buffer(cores, r), dtype=object)
 
     def top_within_m(self, xy_enu_m: F64, distance_m: float) -> F64:

@@ -13,12 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-import shapely.affinity
 from numba import njit
 from numpy.typing import ArrayLike
 
 from skysweep.arrays import F64, U8
 from skysweep.errors import UserError
+from skysweep.geometry.areas import turned_boxes
 from skysweep.scenarios.files import ground_files
 from skysweep.scenarios.model import (
     DEFAULT_POSE,
@@ -45,6 +45,7 @@ WAY_STEP_S = 2.0  # between the places of a drawn track
 HELD_OUT_VARIANTS = 1000  # asset variants from here on never appear in training pictures
 STANDING_SIGN_EDGE_M = 2.1  # height of a standing sign's lower edge
 _SURFACES_ACROSS = 200  # places over the area at which its surfaces are counted, each way
+_FROM_WALLS_M = 1.0  # for what is placed at random: half the length of a person who lies there, and more
 _CLEAR_AT_HOME_M = 6.0  # of trees that are drawn
 
 
@@ -330,19 +331,19 @@ def build_world(scenario: Scenario, seed: int) -> World:
     """
     terrain = build_terrain(scenario)
     trees, buildings = build_trees(scenario, terrain), build_buildings(scenario, terrain)
-    area = Ground(scenario.area_enu_m)
+    outdoors = _outdoors(scenario.area_enu_m, buildings, 0.0)
+    clear = _outdoors(scenario.area_enu_m, buildings, _FROM_WALLS_M)
+    area = Ground(scenario.area_enu_m if clear.is_empty else clear)
     scatter = np.random.default_rng([seed, 19])
     rng = np.random.default_rng([seed, 11])
     items = _items(scenario, seed, area, trees)
-    moves = any(item.motion for item in items)
-    may_walk = _may_walk(area.polygon, buildings) if moves else area.polygon
     objects = []
     for index, item in enumerate(items):
         xy = scattered(item.position_enu_m, scenario.scatter_m, area, scatter)
         track = None
         if item.motion is not None:
             of_track = np.random.default_rng([seed, index, 41])
-            track = track_of(item.motion, Placing(*xy, item.yaw_rad), scenario.wind, may_walk, of_track)
+            track = track_of(item.motion, Placing(*xy, item.yaw_rad), scenario.wind, outdoors, of_track)
         thing = WorldObject(
             item.kind,
             _on_ground(terrain, xy),
@@ -397,16 +398,16 @@ def _items(scenario: Scenario, seed: int, area: Ground, trees: tuple[WorldTree, 
     return items
 
 
-def _may_walk(area: shapely.Geometry, buildings: tuple[WorldBuilding, ...]) -> shapely.Geometry:
-    """The area without its buildings."""
-    walls = []
-    for b in buildings:
-        x, y = b.size_m[0] / 2, b.size_m[1] / 2
-        turned = shapely.affinity.rotate(
-            shapely.box(-x, -y, x, y), b.yaw_rad, origin=(0, 0), use_radians=True
-        )
-        walls.append(shapely.affinity.translate(turned, *b.position_enu_m[:2]))
-    free = area.difference(shapely.union_all(walls)) if walls else area
+def _outdoors(
+    area: shapely.Geometry, buildings: tuple[WorldBuilding, ...], away_m: float
+) -> shapely.Geometry:
+    """The area, so far away from its buildings."""
+    walls = turned_boxes(
+        [b.position_enu_m[:2] for b in buildings],
+        [np.add(b.size_m, 2.0 * away_m) for b in buildings],
+        [b.yaw_rad for b in buildings],
+    )
+    free = area.difference(shapely.union_all(walls)) if len(walls) else area
     shapely.prepare(free)
     return free
 
