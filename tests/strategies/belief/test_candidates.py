@@ -67,3 +67,17 @@ def test_a_look_that_found_it_as_another_candidate_did_not_miss_it():
     apart = {1: candidate(), 2: candidate(2, PLACE + np.array([8.0, 0.0, 0.0]))}
     other = [look(float(t), 0.0, 30.0, 0.8, 2, apart[2].position_enu_m) for t in range(3)]
     assert believed([*found, ELSEWHERE, LATE], both) > 2.0 * believed([*other, ELSEWHERE, LATE], apart)
+
+
+def test_of_two_that_may_be_one_the_likelier_is_looked_at():
+    """1 and 2 lie beside each other, 3 does not; 2 was found more surely."""
+    places = {1: PLACE, 2: PLACE + np.array([0.5, 0.0, 0.0]), 3: PLACE + np.array([8.0, 0.0, 0.0])}
+    three = {k: candidate(k, place) for k, place in places.items()}
+    suspects = Suspects(context_of(), BeliefParameters())
+    for t, (k, confidence) in enumerate([(1, 0.3), (3, 0.3), (2, 0.8), (2, 0.8)]):
+        suspects.take(look(float(t), 0.0, 20.0, confidence, k, places[k]), three, ())
+    assert suspects.shadowed([1, 2, 3], [], three) == {1}
+    assert suspects.shadowed([1, 3], [], three) == set()
+    assert suspects.shadowed([1, 3], [2], three) == {1}, "2 is confirmed"
+    assert suspects.shadowed([2, 3], [1], three) == {2}
+    assert suspects.shadowed([], [1], three) == set()

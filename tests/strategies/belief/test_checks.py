@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skysweep.scenarios.files import change_scenario, load_scenario
-from skysweep.strategies.belief.checks import Checks
+from skysweep.strategies.belief.checks import LOOKS_THERE, Checks
 from skysweep.strategies.belief.goal import View
 from skysweep.strategies.belief.hypotheses import Hypotheses
 from skysweep.strategies.belief.parameters import BeliefParameters
@@ -66,24 +66,35 @@ def test_a_demanded_look_is_no_lower_than_asked_for_unless_that_tells_enough():
         checks = Checks(context, BeliefParameters())
         return checks.height_m(signs, signs.fresh(), 0.5, doubt_s, np.zeros(3), away_m, above_m)
 
-    assert height_m(None, 0.0) == height_m(None, 50.0) == 4.0, "no close look is demanded"
     assert height_m(12.0, 0.0) == pytest.approx(12.0 - 0.8), "only the close look is lacking"
     assert height_m(28.0, 0.5) == pytest.approx(28.0 - 0.8), "so small a doubt is not worth the way down"
     assert height_m(12.0, 0.0, above_m=4.0) == 4.0, "it is that low already"
     assert height_m(12.0, 0.0, away_m=300.0) == pytest.approx(12.0 - 0.8), "from there it is seen sooner"
 
 
+def test_the_first_look_is_from_where_it_tells_most_for_its_time():
+    """From 2 m a person fills the picture, and the detector sees it worse than from twice as high."""
+    context = context_of(scenario="person-wilderness", check_altitude_agl_m=2.0)
+    persons, checks = Hypotheses(context, "person", BeliefParameters()), Checks(context, BeliefParameters())
+
+    def height_m(doubt_s, above_m=30.0):
+        return checks.height_m(persons, persons.fresh(), 0.5, doubt_s, np.zeros(3), 0.0, above_m)
+
+    assert height_m(50.0) in (3.0, 4.4)
+    assert height_m(0.5) == 4.4, "the way down costs more than so small a doubt"
+    assert height_m(0.5, above_m=2.0) == 2.0, "it is that low already"
+
+
 def test_a_place_stays_in_view_for_three_looks():
     at_m = {"scan_altitude_agl_m": 60.0}
     checks = Checks(context_of(check_altitude_agl_m=6.0, **at_m), BeliefParameters(check_speed_mps=10.0))
-    assert checks.speed_mps(100.0) == 10.0
-    slow_mps = checks.speed_mps(0.0)
+    assert checks.speed_mps(100.0, 6.0) == 10.0
+    slow_mps = checks.speed_mps(0.0, 6.0)
     reach_m = 0.4 * CONTEXT.lens.footprint_m(6.0)[1]
-    assert slow_mps == checks.speed_mps(reach_m)
+    assert slow_mps == checks.speed_mps(reach_m, 6.0)
     assert 2.0 * reach_m / slow_mps * CONTEXT.looks_hz == pytest.approx(3.0)
-    assert slow_mps < checks.speed_mps(reach_m + 2.0) < 10.0
-    high = Checks(context_of(check_altitude_agl_m=30.0, **at_m), BeliefParameters(check_speed_mps=10.0))
-    assert high.speed_mps(0.0) == 10.0, "from there it is in view for long"
+    assert slow_mps < checks.speed_mps(reach_m + 2.0, 6.0) < 10.0
+    assert checks.speed_mps(0.0, 30.0) == 10.0, "from there it is in view for long"
 
 
 def test_what_a_tree_hides_is_looked_at_from_beside_it():
@@ -138,11 +149,12 @@ def test_a_view_is_worth_the_way_there():
     checks = Checks(context_of(check_altitude_agl_m=12.0, scan_altitude_agl_m=30.0), BeliefParameters())
     signs, place = Hypotheses(CONTEXT, "stop sign", BeliefParameters()), np.array([20.0, 20.0, 0.0])
 
-    def next_from(east_m):
+    def next_from(east_m, loss_s=20.0):
         here = place + np.array([east_m, 0.0, 12.0])
-        return checks.next_view(signs, signs.fresh(), 0.2, 1.0, place, here, [View(0.0, 0.0, 12.0)])
+        return checks.next_view(signs, signs.fresh(), 0.2, loss_s, place, here, [View(0.0, 0.0, 12.0)])
 
     assert next_from(8.0).east_m > 0.0 > next_from(-8.0).east_m
+    assert next_from(8.0, loss_s=LOOKS_THERE / CONTEXT.looks_hz) is None, "the looks alone cost as much"
 
 
 def test_looks_save_less_where_no_side_shows_the_place():

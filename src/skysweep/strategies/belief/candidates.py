@@ -176,6 +176,14 @@ class Suspects:
                 found[of[i]] = among[j]
         return found
 
+    def shadowed(
+        self, of: Sequence[int], among: Sequence[int], candidates: Mapping[int, Candidate]
+    ) -> set[int]:
+        """Those that may be one thing with one ``among`` others, or with a likelier one of themselves."""
+        likely = sorted(of, key=self.probability, reverse=True)
+        twins = self.twins(likely, likely, candidates)  # the first may be itself
+        return {*self.twins(of, among, candidates), *(k for k, first in twins.items() if k != first)}
+
     def may_be_same(self, a: int, b: int, candidates: Mapping[int, Candidate]) -> bool:
         """Whether two candidates may be one thing: never found in one look, and near enough."""
         if self.all[a].class_name != self.all[b].class_name or b in self.all[a].distinct:

@@ -28,7 +28,7 @@ _PLACES_M = 0.5  # nearer to each other, places are taken for one
 _FAR_ABOVE_M = 100.0  # all that may hide a place
 _HIGHER = (1.0, 1.5, 2.2)  # times the check's height: from there, too, a place is looked at again
 _APART_RAD, _APART_OF_SCALE = 0.2, 0.3  # two views of one place that tell more than one, by either
-_AT_A_PLACE_S = 1.5  # that one more place takes beside the way there
+_AT_A_PLACE_S = 1.5  # that one more place takes at least, beside the way there
 VIEW_S = 20.0  # of doubt are a reason for another view
 LOOKS_THERE = 5  # that tell something; then another view is due, or a verdict by the odds
 _IN_PASSING = 3  # looks for which a place stays in view at least
@@ -44,14 +44,17 @@ class Checks:
         self._lens, search = context.lens, context.search
         self._speed_mps = parameters.check_speed_mps
         self._looks_hz = context.looks_hz
+        self._looks_s = LOOKS_THERE / context.looks_hz
+        self._at_a_place_s = max(_AT_A_PLACE_S, self._looks_s)
         self._sinks_mps = context.vehicle.descent_speed_mps
         self._climbs_mps = context.vehicle.climb_speed_mps
         self._R = rotation_camera_to_enu(context.yaw_rad, context.gimbal_pitch_rad)
-        self._height_m = self._demanded_m = search.check_altitude_agl_m
+        self._height_m = low_m = search.check_altitude_agl_m
+        self._heights_m = [h for k in _HIGHER if (h := k * low_m) <= search.scan_altitude_agl_m]
+        self._first_heights_m = self._heights_m
         if search.confirm_height_max_m is not None:
-            self._demanded_m = max(self._height_m, search.confirm_height_max_m - ALTITUDE_TOLERANCE_M)
-        self._heights_m = [h for k in _HIGHER if (h := k * self._height_m) <= search.scan_altitude_agl_m]
-        self._reach_m = _IN_VIEW * context.lens.footprint_m(self._height_m)[1]  # before it a place is in view
+            demanded_m = max(low_m, search.confirm_height_max_m - ALTITUDE_TOLERANCE_M)
+            self._first_heights_m = [*(h for h in self._heights_m if h < demanded_m), demanded_m]
         self._obstacles, self._keep_m = context.obstacles, context.keep_m
         self._shows = context.shown
         self._shown: dict[tuple[int, int, int], float] = {}
@@ -63,11 +66,12 @@ class Checks:
         exact for few places, else nearest neighbour with 2-opt: tens of places take well below a millisecond,
         which a general routing solver does not reach, and its tour is planned anew after every look.
         """
-        return [int(k) for k in _route(here, places, np.array(losses_s, dtype=float), self._speed_mps)]
+        losses = np.array(losses_s, dtype=float)
+        return [int(k) for k in _route(here, places, losses, self._speed_mps, self._at_a_place_s)]
 
     def visits_s(self, here: XY, places: F64) -> F64:
         """By how much each of the places (N, 2) lengthens the way from here through all of them, in s."""
-        return np.asarray(_AT_A_PLACE_S + _spared_m(here, places) / self._speed_mps)
+        return np.asarray(self._at_a_place_s + _spared_m(here, places) / self._speed_mps)
 
     def look_costs_s(
         self,
@@ -86,10 +90,9 @@ class Checks:
         The vehicle is ``away_m`` from the place and ``above_m`` above it; it flies there and, in two
         ``ways``, back. Where another look is cheaper than the doubt, that counts.
         """
-        flown_s = max(away_m - self._reach_m, 0.0) / self._speed_mps
-        takes_s = max(flown_s, max(above_m - height_m, 0.0) / self._sinks_mps)
-        in_view_s, looks_s = 2.0 * self._reach_m / self._speed_mps, LOOKS_THERE / self._looks_hz
-        takes_s += in_view_s if in_view_s >= looks_s else looks_s + _STOP_S
+        takes_s = self._takes_s(away_m, above_m, height_m)
+        in_view_s = 2.0 * self._reach_m(height_m) / self._speed_mps
+        takes_s += in_view_s if in_view_s >= self._looks_s else self._looks_s + _STOP_S
         doubt = self._doubt_left(hypotheses, belief, nothing, place_enu_m, height_m)
         return ways * takes_s + doubt * min(loss_s, _AGAIN_S)
 
@@ -103,29 +106,32 @@ class Checks:
         away_m: float,
         above_m: float,
     ) -> float:
-        """Height above a place (3,) from which it is looked at.
+        """Height above a place (3,) from which it is looked at first.
 
-        That is the check's or, where a close look is demanded, the height that will do for one, if going
-        lower takes longer than what that would tell is worth. The vehicle is ``away_m`` from the place and
-        ``above_m`` above it. ``doubt_s`` is what deciding without a look costs on average; none is left of it
-        where only the close look is lacking.
+        That is the check's or a higher one: the one from where the time until the look, and what the doubt
+        that it leaves costs, are least. A target may be so near that the detector sees it worse. Where a
+        close look is demanded, none is above those that will do for one. The vehicle is ``away_m`` from the
+        place and ``above_m`` above it. ``doubt_s`` is what deciding without a look costs on average; none is
+        left of it where only the close look is lacking.
         """
-        low_m, high_m = self._height_m, self._demanded_m
-        if low_m == high_m:
-            return low_m
-        takes_s = self._takes_s(away_m, above_m, low_m) - self._takes_s(away_m, above_m, high_m)
-        if takes_s <= 0.0:
-            return low_m
-        if doubt_s == 0.0:
-            return high_m
-        high, low = (self._doubt_left(hypotheses, belief, nothing, place_enu_m, m) for m in (high_m, low_m))
-        worth_s = (high - low) * min(doubt_s, VIEW_S)
-        return low_m if worth_s > takes_s else high_m
+        best_m, least_s = self._height_m, math.inf
+        for height_m in self._first_heights_m:
+            takes_s = self._takes_s(away_m, above_m, height_m)
+            if doubt_s > 0.0:
+                doubt = self._doubt_left(hypotheses, belief, nothing, place_enu_m, height_m)
+                takes_s += doubt * min(doubt_s, VIEW_S)
+            if takes_s < least_s:
+                best_m, least_s = height_m, takes_s
+        return best_m
 
     def _takes_s(self, away_m: float, above_m: float, height_m: float) -> float:
         """Until a place is in view from a height: from higher up it is from farther away."""
-        reach_m = _IN_VIEW * self._lens.footprint_m(height_m)[1]
-        return max(max(away_m - reach_m, 0.0) / self._speed_mps, self._vertical_s(above_m, height_m))
+        flown_s = max(away_m - self._reach_m(height_m), 0.0) / self._speed_mps
+        return max(flown_s, self._vertical_s(above_m, height_m))
+
+    def _reach_m(self, height_m: float) -> float:
+        """From so far before it a place is in view."""
+        return _IN_VIEW * self._lens.footprint_m(height_m)[1]
 
     def _vertical_s(self, from_m: float, to_m: float) -> float:
         return (from_m - to_m) / self._sinks_mps if from_m > to_m else (to_m - from_m) / self._climbs_mps
@@ -142,10 +148,11 @@ class Checks:
         eye = CameraPose(place_enu_m + np.array(view), self._R)
         return hypotheses.confusion(belief, eye, place_enu_m, nothing)
 
-    def speed_mps(self, away_m: float) -> float:
-        """How fast to fly, so far from a place that is looked at in passing."""
-        passing_mps = 2.0 * self._reach_m * self._looks_hz / _IN_PASSING
-        brakes_m = max(away_m - self._reach_m, 0.0)
+    def speed_mps(self, away_m: float, height_m: float) -> float:
+        """How fast to fly, so far from a place that is looked at in passing from a height."""
+        reach_m = self._reach_m(height_m)
+        passing_mps = 2.0 * reach_m * self._looks_hz / _IN_PASSING
+        brakes_m = max(away_m - reach_m, 0.0)
         return min(self._speed_mps, math.sqrt(passing_mps**2 + 2.0 * _BRAKES_MPS2 * brakes_m))
 
     def first_view(self, place_enu_m: F64, height_m: float) -> View:
@@ -153,8 +160,7 @@ class Checks:
 
         It is straight above, too, where nothing shows it.
         """
-        side = next(self._views(place_enu_m, self._height_m), None)
-        return View(0.0, 0.0, height_m) if side is None else side._replace(height_m=height_m)
+        return next(self._views(place_enu_m, height_m), View(0.0, 0.0, height_m))
 
     def next_view(
         self,
@@ -166,13 +172,13 @@ class Checks:
         here_enu_m: F64,
         tried: Sequence[View],
     ) -> View | None:
-        """From where else a place (3,) is looked at, from where that costs least; None: from nowhere.
+        """From where else a place (3,) is looked at, from where that costs least; None: a verdict does.
 
         Another view is so far from those ``tried`` that it shows the place from another direction, or in
-        another size. It costs the way there from ``here_enu_m`` (3,), and what the doubt that it leaves of
-        ``loss_s`` costs. Where the vehicle does not come because of obstacles is no view.
+        another size. It costs the way there from ``here_enu_m`` (3,), the looks, and what the doubt that it
+        leaves of ``loss_s`` costs. Where the vehicle does not come because of obstacles is no view.
         """
-        best, least_s = None, math.inf
+        best, least_s = None, loss_s - self._looks_s
         for height_m in self._heights_m:
             for view in self._views(place_enu_m, height_m):
                 if any(_is_alike(view, other) for other in tried):
@@ -221,28 +227,28 @@ def _is_alike(one: View, other: View) -> bool:
 
 
 @njit(cache=True)
-def _route(here: XY, places: F64, losses_s: F64, speed_mps: float) -> NDArray[np.int64]:
+def _route(here: XY, places: F64, losses_s: F64, speed_mps: float, at_a_place_s: float) -> NDArray[np.int64]:
     chosen = np.nonzero(losses_s > _LEAST_S)[0]
     route = chosen[tour_from(here, places[chosen])]
     planned = len(route)
     while len(route):
-        gains_s = losses_s[route] - (_AT_A_PLACE_S + _spared_m(here, places[route]) / speed_mps)
+        gains_s = losses_s[route] - (at_a_place_s + _spared_m(here, places[route]) / speed_mps)
         worst = int(np.argmin(gains_s))
         if gains_s[worst] >= 0.0:
             break
         route = np.concatenate((route[:worst], route[worst + 1 :]))
     if len(route) < planned:
         route = route[tour_from(here, places[route])]
-    return route[: _worth(here, places[route], losses_s[route], speed_mps)]
+    return route[: _worth(here, places[route], losses_s[route], speed_mps, at_a_place_s)]
 
 
 @njit(cache=True)
-def _worth(here: XY, places: F64, losses_s: F64, speed_mps: float) -> int:
+def _worth(here: XY, places: F64, losses_s: F64, speed_mps: float, at_a_place_s: float) -> int:
     """How many places of a route (N, 2), from its start, buy most: a far group may not pay as a whole."""
     x, y = here
     n, total_s, most_s = 0, 0.0, 0.0
     for i in range(len(places)):
-        total_s += losses_s[i] - _AT_A_PLACE_S - _apart_m(x, y, places[i]) / speed_mps
+        total_s += losses_s[i] - at_a_place_s - _apart_m(x, y, places[i]) / speed_mps
         if total_s > most_s:
             n, most_s = i + 1, total_s
         x, y = places[i, 0], places[i, 1]

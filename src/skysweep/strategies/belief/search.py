@@ -193,10 +193,16 @@ class BeliefSearch:
 
     def _twins(self, seen: Observation, of: list[int]) -> dict[int, int]:
         """Those that may be one thing with a confirmed candidate, and with which."""
-        confirmed = [
-            j for j, kind in self._settled.items() if kind is EventKind.CONFIRMED and j in self._suspects.all
+        return self._suspects.twins(of, self._confirmed(), seen.candidates)
+
+    def _shadowed(self, seen: Observation, of: list[int]) -> set[int]:
+        """Those that may be one thing with a confirmed candidate, or with a likelier one."""
+        return self._suspects.shadowed(of, self._confirmed(), seen.candidates)
+
+    def _confirmed(self) -> list[int]:
+        return [
+            k for k, kind in self._settled.items() if kind is EventKind.CONFIRMED and k in self._suspects.all
         ]
-        return self._suspects.twins(of, confirmed, seen.candidates)
 
     def _settle(
         self,
@@ -263,6 +269,8 @@ class BeliefSearch:
     def _turn_to_the_urgent(self, seen: Observation, here: XY, events: list[Event]) -> None:
         """To the candidate where a look now saves most against one later, unless a verdict costs less."""
         open_ = [k for k in self._open() if k not in self._looked and not self._suspects.all[k].in_view]
+        shadowed = self._shadowed(seen, open_)
+        open_ = [k for k in open_ if k not in shadowed]
         if not open_ or self._p.waiting_cost == 0.0:
             return
         scan = [self._left or here, *self._to_scan]
@@ -349,7 +357,7 @@ class BeliefSearch:
         return Waypoint(
             to,
             goal.view.height_m,
-            self._checks.speed_mps(math.dist((x, y), to)),
+            self._checks.speed_mps(math.dist((x, y), to), goal.view.height_m),
             to_look=True,
             then_xy_enu_m=None if goal.stops else then,
         )
@@ -358,7 +366,8 @@ class BeliefSearch:
         """The next candidate of the route; the goal is kept unless another candidate is much nearer."""
         open_ = self._open()
         places = np.array([seen.candidates[k].position_enu_m[:2] for k in open_]).reshape(-1, 2)
-        losses_s = [0.0 if k in self._looked else self._saves_s(seen, k) for k in open_]
+        unwanted = self._looked | self._shadowed(seen, open_)
+        losses_s = [0.0 if k in unwanted else self._saves_s(seen, k) for k in open_]
         route = self._checks.route(here, places, losses_s)
         self._route = [open_[i] for i in route]
         if self._goal is not None and self._goal.id not in self._route:
@@ -431,7 +440,9 @@ class BeliefSearch:
         if self._goal is None:
             return
         goal, k = self._goal, self._goal.id
-        goal.view = goal.view._replace(height_m=self._height_m(seen, k))
+        height_m = self._height_m(seen, k)
+        if height_m != goal.view.height_m:
+            goal.view = self._checks.first_view(seen.candidates[k].position_enu_m, height_m)
         to, height_m = self._beside(seen, goal), goal.view.height_m
         if seen.lookout is not None:
             to, height_m = seen.lookout.xy_enu_m, seen.lookout.altitude_agl_m
