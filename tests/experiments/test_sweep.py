@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -24,7 +25,7 @@ from skysweep.experiments.sweep.spec import matrix_of, parse_spec
 from skysweep.files.folder import Folder
 from skysweep.files.locking import locked
 from skysweep.flights.build import build_mission
-from skysweep.flights.fly import fly_in_memory
+from skysweep.flights.fly import fly_in_memory, refuse_other_mission
 from skysweep.flights.rig import Rig
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
@@ -318,6 +319,48 @@ def test_a_table_of_a_sweep_without_digests_is_taken_as_it_is_and_gets_them(whol
     (tmp_path / "out" / "SHA256SUMS").unlink()
     assert sweep(tmp_path / "out", wanted=spec(seeds="2")).missions == 6
     subprocess.run(["sha256sum", "--check", "--strict", "SHA256SUMS"], cwd=tmp_path / "out", check=True)
+
+
+def test_a_mission_and_a_sweep_share_no_folder(whole, tmp_path):
+    (tmp_path / "journal.jsonl").write_text("")
+    with pytest.raises(UserError, match="holds a mission; write another --out"):
+        sweep(tmp_path)
+    with pytest.raises(UserError, match="holds the missions of a sweep"):
+        refuse_other_mission(whole)
+
+
+def walls(out):
+    """Wall times by mission."""
+    timings = pl.read_parquet(out / "timings.parquet")
+    return dict(timings.select("config_hash", "wall_time_s").iter_rows())
+
+
+def test_lost_timings_cost_no_mission(whole, tmp_path):
+    shutil.copytree(whole, tmp_path / "out")
+    (tmp_path / "out" / "timings.parquet").unlink()
+    sweep(tmp_path / "out")
+    assert table_bytes(tmp_path / "out") == table_bytes(whole)
+    sweep(tmp_path / "out", wanted=spec(seeds="11"))
+    assert sum(wall is None for wall in walls(tmp_path / "out").values()) == 30
+
+
+def test_timings_stay_with_their_missions_when_a_growing_sweep_is_cut_off(tmp_path, monkeypatch):
+    """A full disk between both tables: the numbers of missions are others once a value is added."""
+    sweep(tmp_path / "out", wanted=spec(seeds="2"))
+    before, grown = walls(tmp_path / "out"), spec(**{"seeds": "2", "search.n_c": "[1, 2, .inf]"})
+    write = Folder.write
+
+    def write_until(self, file, content):
+        if file == "missions.parquet":
+            raise UserError("the disk is full")
+        write(self, file, content)
+
+    monkeypatch.setattr(Folder, "write", write_until)
+    with pytest.raises(UserError, match="full"):
+        sweep(tmp_path / "out", wanted=grown)
+    monkeypatch.undo()
+    sweep(tmp_path / "out", wanted=grown)
+    assert before.items() <= walls(tmp_path / "out").items()
 
 
 @pytest.mark.parametrize("name", ["SHA256SUMS", "missions.parquet", "timings.parquet"])

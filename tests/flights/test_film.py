@@ -102,7 +102,7 @@ def test_a_film_that_cannot_be_written_costs_the_picture_not_the_mission(tmp_pat
     def full(path, content):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(film, "replace_file", full)
+    monkeypatch.setattr(film, "write_picture", full)
     folder = fly(tmp_path / "run")
     assert list((folder / "film").iterdir()) == []
     assert json.loads((folder / "summary.json").read_text())["completed"]

@@ -7,7 +7,7 @@ import pytest
 from skysweep.errors import UserError
 from skysweep.flights.fly import fly_to_folder
 from skysweep.flights.rig import Rig
-from skysweep.results.picture_files import is_sound, write_picture
+from skysweep.results.picture_files import read_picture, write_picture
 from skysweep.results.run_folder import load_run
 from skysweep.scenarios.model import Scenario
 
@@ -26,7 +26,7 @@ SMALL = {
 def test_it_shows_what_was_kept(tmp_path):
     write_picture(tmp_path / NAME, JPEG)
     assert [path.name for path in tmp_path.iterdir()] == [NAME]
-    assert is_sound(tmp_path / NAME)
+    assert read_picture(tmp_path / NAME) == (tmp_path / NAME).read_bytes()
     assert (cv2.imread(str(tmp_path / NAME)) == cv2.imdecode(np.frombuffer(JPEG, np.uint8), 1)).all()
 
 
@@ -38,13 +38,13 @@ def test_bits_everywhere_and_the_name_count(tmp_path):
         wrong = bytearray(content)
         wrong[bit // 8] ^= 1 << bit % 8
         path.write_bytes(wrong)
-        assert not is_sound(path), bit
+        assert read_picture(path) is None, bit
     for wrong in (b"", content[:-1], content + b"\0", JPEG):
         path.write_bytes(wrong)
-        assert not is_sound(path)
+        assert read_picture(path) is None
     other = tmp_path / "candidate-8-133.4s.jpg"
     other.write_bytes(content)
-    assert not is_sound(other)
+    assert read_picture(other) is None
 
 
 def test_a_damaged_picture_is_named_and_left_out_when_asked_for(tmp_path):

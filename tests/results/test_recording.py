@@ -56,7 +56,7 @@ def filmed(tmp_path):
     folder = write_run(tmp_path / "run", sorted(tiny_records() + looks, key=lambda record: record["t"]))
     for name, grey in (("11.2000", 50), ("15.0000", 200)):
         (folder / FILM).mkdir(exist_ok=True)
-        (folder / FILM / f"{name}.jpg").write_bytes(picture(grey))
+        write_picture(folder / FILM / f"{name}.jpg", picture(grey))
     (folder / PICTURES).mkdir()
     write_picture(folder / PICTURES / picture_name(1, 15.0), picture(100))
     return load_run(folder)
@@ -167,7 +167,7 @@ def test_pictures_have_the_time_and_boxes_of_their_look(filmed, tmp_path):
 
 def test_boxes_and_camera_fit_pictures_that_were_kept_smaller(filmed, tmp_path):
     for path in (filmed.folder / FILM).iterdir():
-        path.write_bytes(picture(90, 320))
+        write_picture(path, picture(90, 320))
     messages = messages_of(write_recording(filmed, tmp_path / "mission.mcap"))
     _, found = of(messages, "/skysweep/camera/annotations")[-1]
     assert [(p.x, p.y) for p in found.points[0].points] == [(5, 10), (15, 10), (15, 25), (5, 25)]

@@ -1,8 +1,10 @@
 """The list of a folder: missions, sweeps and comparisons, newest first, with their key figures."""
 
+import hashlib
 import os
 import shutil
 
+import polars as pl
 import pytest
 
 from skysweep.experiments.store import MissionStore
@@ -99,7 +101,21 @@ def test_a_damaged_table_is_one_sentence(root):
     (root / "sweep").mkdir()
     (root / "sweep" / "spec.yaml").write_text("name: x")
     (root / "sweep" / "missions.parquet").write_bytes(b"PAR1 no more")
-    assert told(root)["sweep"]["error"] == "missions.parquet is damaged."
+    assert "missions.parquet: is missing, or not a Parquet table" in told(root)["sweep"]["error"]
+
+
+def test_a_changed_table_shows_no_figures(root):
+    pl.DataFrame({"mission_time_s": [60.0], "recall": [0.5]}).write_parquet(root / "missions.parquet")
+    (root / "sweep").mkdir()
+    (root / "sweep" / "spec.yaml").write_text("name: x")
+    table = (root / "missions.parquet").rename(root / "sweep" / "missions.parquet")
+    digest = hashlib.sha256(table.read_bytes()).hexdigest()
+    (root / "sweep" / "SHA256SUMS").write_text(f"{digest}  missions.parquet\n")
+    assert figures(told(root)["sweep"])["mean recall"] == "0.50"
+    pl.DataFrame({"mission_time_s": [60.0], "recall": [0.9]}).write_parquet(table)
+    entry = told(root)["sweep"]
+    assert "SHA256SUMS has another digest" in entry["error"]
+    assert not entry.get("figures")
 
 
 @pytest.mark.parametrize(

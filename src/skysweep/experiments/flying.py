@@ -47,6 +47,7 @@ def fly_missing(
             "write another --out"
         )
     store = MissionStore(Folder(out))
+    store.refuse_run()
     with locked(out):
         summaries = store.summaries()
         jobs = {job.config_hash: job for matrix in matrices for job in matrix.jobs()}

@@ -19,10 +19,9 @@ from skysweep.errors import UserError
 from skysweep.files.folder import Folder
 from skysweep.results import checksums
 from skysweep.results.checksums import SUMS_FILE, Sums, sha256
+from skysweep.results.run_folder import JOURNAL_FILE, SPEC_FILE, TABLE_FILE
 from skysweep.results.summary import Summary, finite_or_inf
 
-SPEC_FILE = "spec.yaml"
-TABLE_FILE = "missions.parquet"
 TIMINGS_FILE = "timings.parquet"
 PARTS = "parts"
 OLDER_FILE = "missions.jsonl"  # comparisons and tuning kept missions there before they had tables
@@ -89,6 +88,11 @@ class MissionStore:
 
     def __init__(self, folder: Folder) -> None:
         self._folder = folder
+
+    def refuse_run(self) -> None:
+        """Raises UserError where the folder holds one mission, of which commands would tell instead."""
+        if self._folder.exists(JOURNAL_FILE):
+            raise UserError(f"{self._folder}: holds a mission; write another --out")
 
     def spec(self) -> str | None:
         """The text of a sweep's spec, if there is one."""
@@ -165,7 +169,7 @@ class MissionStore:
                 f"{self._folder}: {len(matrix) - len(table)} missions were removed while the sweep ran; "
                 "give the same command again"
             )
-        timings, metrics = table.select("job", *TIMINGS), table.drop(*TIMINGS)
+        timings, metrics = table.select("job", *KEY, *TIMINGS), table.drop(*TIMINGS)
         self._replace({TIMINGS_FILE: _parquet(timings), TABLE_FILE: _parquet(metrics)})
         if self._folder.names(PARTS) == parts:  # else another process flies into the folder
             self._folder.remove(PARTS)
@@ -182,8 +186,7 @@ class MissionStore:
         """
         frames = [self._part(name) for name in self._folder.names(PARTS)]
         if self.has_table():
-            timings = self._read(TIMINGS_FILE)
-            frames.append(self.table().join(timings, on="job", how="left").drop("job"))
+            frames.append(self._timed(self.table()))
         if columns is not None:  # an older skysweep counted less
             frames = [frame.select(name for name in columns if name in frame.columns) for frame in frames]
         empty = pl.DataFrame(schema={name: _SCHEMA[name] for name in columns or _SCHEMA})
@@ -191,11 +194,18 @@ class MissionStore:
         failed_last = found.sort(pl.col("error").is_not_null(), maintain_order=True)
         return failed_last.unique(KEY, keep="first", maintain_order=True)
 
-    def table(self) -> pl.DataFrame:
-        return self._read(TABLE_FILE)
+    def table(self, columns: list[str] | None = None) -> pl.DataFrame:
+        """All columns of the table, or these."""
+        return _frame(self._checked(TABLE_FILE) or b"", self._folder.where(TABLE_FILE), columns)
 
-    def _read(self, name: str) -> pl.DataFrame:
-        return _frame(self._checked(name) or b"", self._folder.where(name))
+    def _timed(self, table: pl.DataFrame) -> pl.DataFrame:
+        """The table with its timings, which may be of before it grew, or lost; without numbers."""
+        content = self._checked(TIMINGS_FILE)
+        if content is None:
+            return table.drop("job")
+        timings = _frame(content, self._folder.where(TIMINGS_FILE))
+        by = ["job"] if "config_hash" not in timings.columns else list(KEY)  # an older skysweep: by number
+        return table.join(timings.select(*by, *TIMINGS), on=by, how="left").drop("job")
 
     def _part(self, name: str) -> pl.DataFrame:
         content, where = self._folder.read(name) or b"", self._folder.where(name)
@@ -237,9 +247,9 @@ def _parquet(frame: pl.DataFrame) -> bytes:
     return content.getvalue()
 
 
-def _frame(content: bytes, where: str) -> pl.DataFrame:
+def _frame(content: bytes, where: str, columns: list[str] | None = None) -> pl.DataFrame:
     try:
-        return pl.read_parquet(io.BytesIO(content))
+        return pl.read_parquet(io.BytesIO(content), columns=columns)
     except (pl.exceptions.PolarsError, OSError):
         raise UserError(
             f"{where}: is missing, or not a Parquet table; delete it and give the command that flew it again"

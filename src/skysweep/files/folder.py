@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -33,9 +34,9 @@ def _told(method: Method[P, R]) -> Method[P, R]:
             return method(self, *args, **kwargs)
         except Exception as error:
             reason = " ".join(str(error).split()) or type(error).__name__
-            raise UserError(
-                f"{self}: cannot be read or written ({reason}); check the address and its permissions"
-            ) from None
+            is_full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
+            what = "make room" if is_full else "check the address and its permissions"
+            raise UserError(f"{self}: cannot be read or written ({reason}); {what}") from None
 
     return cast("Method[P, R]", wrapped)
 
@@ -103,8 +104,9 @@ class Folder:
         parent, _, last = path.rpartition("/")
         self._files.makedirs(parent, exist_ok=True)
         unfinished = f"{parent}/{_UNFINISHED}{os.getpid()}-{last}"
-        self._files.pipe_file(unfinished, content)
-        self._files.mv(unfinished, path)
+        with self._removed_on_failure(unfinished):
+            self._files.pipe_file(unfinished, content)
+            self._files.mv(unfinished, path)
 
     @_told
     def try_out(self) -> None:
@@ -112,8 +114,9 @@ class Folder:
         is_new = isinstance(self._files, LocalFileSystem) and not self._files.exists(self._root)
         self._files.makedirs(self._root, exist_ok=True)
         path = self._path(f"{_UNFINISHED}{os.getpid()}")
-        self._files.pipe_file(path, b"-")
-        self._files.rm_file(path)
+        with self._removed_on_failure(path):
+            self._files.pipe_file(path, b"-")
+            self._files.rm_file(path)
         if is_new:
             self._files.rmdir(self._root)
 
@@ -133,6 +136,15 @@ class Folder:
         """Remove a folder with its content."""
         if self._files.exists(self._path(folder)):
             self._files.rm(self._path(folder), recursive=True)
+
+    @contextmanager
+    def _removed_on_failure(self, path: str) -> Iterator[None]:
+        try:
+            yield
+        except BaseException:
+            with suppress(Exception):
+                self._files.rm_file(path)
+            raise
 
     def _path(self, name: str) -> str:
         return f"{self._root.rstrip('/')}/{name}".rstrip("/")

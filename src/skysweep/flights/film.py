@@ -9,8 +9,8 @@ from typing import Any
 
 import cv2
 
-from skysweep.files.writing import replace_file
 from skysweep.mission.journal import Journal
+from skysweep.results.picture_files import write_picture
 from skysweep.types import PictureSensor
 
 PERIOD_S = 0.4  # between pictures: every look at the detector's usual rate
@@ -46,7 +46,7 @@ class Film:
             has_room = shutil.disk_usage(self._folder.parent).free > _LEFT_FREE_BYTES
             if image.size and not path.exists() and has_room:
                 self._folder.mkdir(exist_ok=True)
-                replace_file(path, _jpeg(image))
+                write_picture(path, _jpeg(image))
 
 
 def film_name(time_s: float) -> str:

@@ -33,6 +33,8 @@ from skysweep.results.run_folder import (
     JOURNAL_FILE,
     PICTURES,
     PLAN,
+    SPEC_FILE,
+    TABLE_FILE,
     Run,
     digest_of_config,
     digest_of_plan,
@@ -244,6 +246,8 @@ def finish(folder: Path, started: float | None, rig: Rig) -> RunSummary:
 def refuse_other_mission(folder: Path) -> None:
     """Raises UserError if a folder holds a mission, or links that lead elsewhere."""
     refuse_links(folder)
+    if (folder / SPEC_FILE).exists() or (folder / TABLE_FILE).exists():
+        raise UserError(f"{folder}: holds the missions of a sweep or a comparison; write another --out")
     if (folder / JOURNAL_FILE).exists():
         _refuse_flown(folder, read_journal(folder / JOURNAL_FILE))
 

@@ -224,7 +224,8 @@ def _nothing_begun(folder: Path) -> str:
     if (folder / CONFIG_FILE).is_file():
         config = shlex.quote(str(folder / CONFIG_FILE))
         return (
-            f"its mission was broken off before take-off; fly it with  skysweep run {config} --out NEW_FOLDER"
+            "its mission was broken off before take-off; fly it with  "
+            f"skysweep run {config} --out NEW_FOLDER  and the options of before"
         )
     return f"has no {CONFIG_FILE}; give a folder that 'skysweep run' wrote"
 

@@ -45,7 +45,12 @@ def read_sums(content: bytes, where: str) -> Sums:
 def refuse_changed(sums: Sums | None, name: str, content: bytes, where: str) -> None:
     """Raises UserError where a file was changed. ``sums`` is None for an older skysweep, which kept none."""
     if sums is not None and sha256(content) not in sums.get(name, ()):
-        raise UserError(f"{where}: is damaged ({SUMS_FILE} has another digest); restore the original")
+        instead = (
+            ", or delete it and give the command that flew it again" if name.endswith(".parquet") else ""
+        )
+        raise UserError(
+            f"{where}: is damaged ({SUMS_FILE} has another digest); restore the original{instead}"
+        )
 
 
 def refuse_misnamed(name: str, content: bytes, where: str) -> None:

@@ -11,6 +11,8 @@ from typing import Any
 import cv2
 import numpy as np
 
+from skysweep.arrays import U8
+from skysweep.results.picture_files import read_picture
 from skysweep.results.run_folder import FILM, Record, Run
 from skysweep.text import printable
 from skysweep.types import F64
@@ -27,6 +29,13 @@ class Shot:
     boxes_xyxy_px: F64  # (N, 4)
     labels: tuple[str, ...]  # (N,) class and confidence
     picture: Path | None
+
+    def jpeg(self) -> bytes | None:
+        """The picture; None where there is none, or none that is as it was written."""
+        try:
+            return None if self.picture is None else read_picture(self.picture)
+        except OSError:
+            return None
 
 
 class FilmedLooks:
@@ -47,9 +56,8 @@ class FilmedLooks:
     def picture_scale(self) -> float:
         """Width of the pictures over that of the camera: large ones are kept smaller. 1 without pictures."""
         for shot in self.shots:
-            image = None if shot.picture is None else cv2.imread(str(shot.picture))
-            if image is not None:
-                return float(image.shape[1] / self._lens.width_px)
+            if (jpeg := shot.jpeg()) is not None:
+                return float(decoded(jpeg).shape[1] / self._lens.width_px)
         return 1.0
 
     def at(self, time_s: float, pictured: bool = False) -> Shot | None:
@@ -58,6 +66,13 @@ class FilmedLooks:
             if not pictured or self.shots[k].picture is not None:
                 return self.shots[k]
         return None
+
+
+def decoded(jpeg: bytes) -> U8:
+    """A picture (H, W, 3) in RGB."""
+    image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    assert image is not None
+    return np.ascontiguousarray(image[..., ::-1], dtype=np.uint8)
 
 
 def _pictures(run: Run) -> list[tuple[float, Path]]:

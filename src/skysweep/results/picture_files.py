@@ -1,4 +1,4 @@
-"""The pictures of candidates: their names, and files that show when they are damaged.
+"""The pictures of candidates and of the film: their names, and files that show when they are damaged.
 
 A comment in front of the JPEG has the file's name and a checksum.
 """
@@ -32,11 +32,11 @@ def write_picture(path: Path, jpeg: bytes) -> None:
     replace_file(path, _sealed(path.name, jpeg))
 
 
-def is_sound(path: Path) -> bool:
-    """Whether a picture is unchanged since ``write_picture`` wrote it under this name. Raises OSError."""
+def read_picture(path: Path) -> bytes | None:
+    """A JPEG; None if it was changed since ``write_picture`` wrote it under this name. Raises OSError."""
     data = path.read_bytes()
     before = len(_START) + len(_segment(path.name, b""))
-    return data == _sealed(path.name, _START + data[before:])
+    return data if data == _sealed(path.name, _START + data[before:]) else None
 
 
 def _sealed(name: str, jpeg: bytes) -> bytes:

@@ -106,9 +106,9 @@ def _events(run: Run) -> Iterable[Timed]:
 
 def _film(looks: FilmedLooks, lens: Lens) -> Iterable[Timed]:
     for shot in looks.shots:
-        if shot.picture is not None:
+        if (jpeg := shot.jpeg()) is not None:
             yield shot.time_s, topics.CAMERA_INFO, m.camera_info(shot.exposed_s, lens)
-            image = m.compressed_image(shot.exposed_s, shot.picture.read_bytes())
+            image = m.compressed_image(shot.exposed_s, jpeg)
             yield shot.time_s, topics.COMPRESSED_IMAGE, image
         boxes = shot.boxes_xyxy_px * looks.picture_scale
         annotations = m.image_annotations(shot.exposed_s, boxes, shot.labels, to_rgba(ORANGE))

@@ -20,7 +20,7 @@ from skysweep.files.line_file import read_sound_lines
 from skysweep.mission.journal import journal_remedy
 from skysweep.mission.notes import NEXT_SORTIE, OF_A_CANDIDATE, OPERATOR, SORTIE
 from skysweep.results.journal_lines import can_be_told
-from skysweep.results.picture_files import is_sound
+from skysweep.results.picture_files import read_picture
 from skysweep.results.summary_file import read_summary
 from skysweep.scenarios.files import ground_files, load_scenario
 from skysweep.scenarios.model import Scenario
@@ -34,6 +34,8 @@ Record = Mapping[str, Any]
 CONFIG_FILE = "config.yaml"
 JOURNAL_FILE = "journal.jsonl"
 SUMMARY_FILE = "summary.json"
+SPEC_FILE = "spec.yaml"  # of a sweep
+TABLE_FILE = "missions.parquet"  # of a folder of many missions
 PICTURES = "pictures"
 FILM = "film"  # pictures for the live page and the video, by the time of their look
 UNFINISHED = ".part"  # ends the name of a comparison's run folder until its mission is complete
@@ -393,12 +395,13 @@ def load_run(folder: str | Path, from_sound_lines: bool = False) -> Run:
                 raise
             return replace(run, left_out=(*run.left_out, f"{SUMMARY_FILE} with the wall time"))
     except OSError as error:
-        raise UserError(f"{folder}: cannot be read ({error.strerror}); check its rights") from None
+        where = error.filename or folder
+        raise UserError(f"{where}: cannot be read ({error.strerror}); check its rights") from None
 
 
 def _is_spoilt(picture: Path) -> bool:
     try:
-        return not is_sound(picture)
+        return read_picture(picture) is None
     except FileNotFoundError:  # a mission that flies has a better one by now
         return False
 

@@ -11,9 +11,10 @@ from typing import Any
 from urllib.parse import quote
 
 from skysweep.errors import UserError
-from skysweep.experiments.store import PARTS, TABLE_FILE
+from skysweep.experiments.store import PARTS, MissionStore
+from skysweep.files.folder import Folder
 from skysweep.results.reporting.wording import clock
-from skysweep.results.run_folder import CONFIG_FILE, JOURNAL_FILE, SUMMARY_FILE
+from skysweep.results.run_folder import CONFIG_FILE, JOURNAL_FILE, SUMMARY_FILE, TABLE_FILE
 from skysweep.results.summary_file import read_summary
 from skysweep.web.feed import FLYING_S
 from skysweep.web.places import Places
@@ -145,18 +146,12 @@ def _figures(summary: dict[str, Any]) -> list[dict[str, str]]:
 
 def _study(folder: Path) -> dict[str, Any]:
     """The figures over all missions of a study, as far as they are in its table."""
-    import polars as pl
-    from polars.exceptions import PolarsError
-
     table = folder / TABLE_FILE
     if not table.is_file():
         return {"state": "flying" if (folder / PARTS).is_dir() else "broken off"}
-    means = [pl.len(), pl.col("mission_time_s").mean(), pl.col("recall").mean()]
-    try:
-        n, time_s, recall = pl.scan_parquet(table).select(means).collect().row(0)
-    except PolarsError:
-        raise UserError(f"{TABLE_FILE} is damaged.") from None
-    told = {"missions": f"{n:,}"}
+    missions = MissionStore(Folder(folder)).table(["mission_time_s", "recall"])
+    time_s, recall = missions.mean().row(0)
+    told = {"missions": f"{len(missions):,}"}
     if time_s is not None:
         told["mean mission time"] = clock(time_s)
     if recall is not None:

@@ -6,6 +6,7 @@ import pytest
 from results_data import tiny_records, write_run
 
 from skysweep.results.metrics import seen_area
+from skysweep.results.picture_files import write_picture
 from skysweep.results.run_folder import FILM, load_run
 from skysweep.results.video import pen
 from skysweep.results.video.chart import Chart
@@ -100,7 +101,7 @@ def filmed(tmp_path):
     (folder / FILM).mkdir()
     blue = np.zeros((320, 640, 3), np.uint8)
     blue[..., 0] = 200
-    cv2.imwrite(str(folder / FILM / "12.0000.jpg"), blue)
+    write_picture(folder / FILM / "12.0000.jpg", cv2.imencode(".jpg", blue)[1].tobytes())
     return Story(load_run(folder), 10.0, 10)
 
 
@@ -131,8 +132,13 @@ def test_labels_of_boxes_at_the_edge_stay_in_the_view(box, tmp_path, painter):
     assert 200 <= rows.min() < rows.max() <= 200 + height
 
 
-def test_without_film_the_scenario_is_rendered_and_the_title_says_so(filmed, painter):
-    (filmed.run.folder / FILM / "12.0000.jpg").unlink()
+@pytest.mark.parametrize("is_there", [False, True])
+def test_without_film_the_scenario_is_rendered_and_the_title_says_so(filmed, painter, is_there):
+    path = filmed.run.folder / FILM / "12.0000.jpg"
+    damaged = path.read_bytes()[:-40]
+    path.unlink()
+    if is_there:
+        path.write_bytes(damaged)
     eye = Eye(filmed, painter, 320, 240)
     picture, labels, title = eye.draw(at(filmed, 12.5), 1.0)
     assert title == RENDERED

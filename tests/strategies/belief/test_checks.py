@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 from contexts import context_of
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,6 +17,7 @@ from skysweep.strategies.belief.parameters import BeliefParameters
 
 CONTEXT = context_of()
 CHECKS = Checks(CONTEXT, BeliefParameters())
+CORNERED = Checks(context_of(check_altitude_agl_m=12.0, scan_altitude_agl_m=30.0), BeliefParameters())
 places = st.lists(
     st.tuples(st.floats(-200, 200), st.floats(-200, 200), st.floats(0, 500)), min_size=0, max_size=12
 )
@@ -143,6 +145,19 @@ def test_every_view_shows_another_side_or_another_size():
 def test_no_view_is_from_above_the_scan():
     checks = Checks(context_of(check_altitude_agl_m=12.0, scan_altitude_agl_m=16.0), BeliefParameters())
     assert {view.height_m for view in views_of(checks, np.array([20.0, 20.0, 0.0]))} == {12.0}
+
+
+def test_no_view_is_from_outside_the_area():
+    corner = np.array([0.5, 0.5, 0.0])
+    views = views_of(CORNERED, corner)
+    assert len(views) > 3
+    for view in views[1:]:
+        x, y, _ = corner + np.array(view)
+        assert shapely.intersects_xy(CONTEXT.area_enu_m, x, y)
+    outside = np.array([-1.0, -1.0, 0.0])
+    assert CORNERED.first_view(outside, 12.0) == (0.0, 0.0, 12.0), (
+        "a candidate's place may be wrong by so much"
+    )
 
 
 def test_a_view_is_worth_the_way_there():

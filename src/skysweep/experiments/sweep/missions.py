@@ -11,9 +11,10 @@ import polars as pl
 from numpy.typing import NDArray
 
 from skysweep.errors import UserError
-from skysweep.experiments.store import KEY, OLDER_FILE, TABLE_FILE, MissionStore, numbered
+from skysweep.experiments.store import KEY, OLDER_FILE, MissionStore, numbered
 from skysweep.files.folder import Folder
 from skysweep.results.reporting.symbols import field_name, value_text
+from skysweep.results.run_folder import TABLE_FILE
 from skysweep.types import F64
 
 Value = float | str | bool

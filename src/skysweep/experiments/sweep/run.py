@@ -14,11 +14,12 @@ import yaml
 from skysweep.errors import UserError
 from skysweep.experiments.engines import Engine
 from skysweep.experiments.matrix import MissionJob
-from skysweep.experiments.store import KEY, SPEC_FILE, TABLE_FILE, MissionStore, Row, row_of
+from skysweep.experiments.store import KEY, MissionStore, Row, row_of
 from skysweep.experiments.sweep.spec import SweepSpec, differences, dump_spec, matrix_of
 from skysweep.files.folder import Folder
 from skysweep.flights.build import refuse_unseeable
 from skysweep.flights.fly import fly_in_memory
+from skysweep.results.run_folder import SPEC_FILE, TABLE_FILE
 
 _FIRST = 16  # least number of missions behind the estimate, from as many configurations
 _FIRST_S = 20.0  # after this time the estimate waits for no more of them than needed
@@ -140,6 +141,7 @@ class Sweep:
 
     def _known(self) -> pl.DataFrame:
         """The missions already in the folder. Raises UserError where they are not of this sweep."""
+        self._store.refuse_run()
         stored = self._store.spec()
         if stored is None and self._store.has_table():
             raise UserError(f"{self._folder}: holds a {TABLE_FILE} and no {SPEC_FILE}; write another --out")

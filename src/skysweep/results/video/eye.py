@@ -7,7 +7,7 @@ import numpy as np
 
 from skysweep.arrays import F64, U8
 from skysweep.geometry.camera import Lens, project
-from skysweep.results.film import FilmedLooks, Shot
+from skysweep.results.film import FilmedLooks, Shot, decoded
 from skysweep.results.reporting.style import ORANGE
 from skysweep.results.video import pen
 from skysweep.results.video.pen import Label, rgb
@@ -71,12 +71,11 @@ class Eye:
         return Label(x, y, text, 10 * scale, _WHITE, side + upright, chip=True)
 
     def _read(self, shot: Shot) -> U8 | None:
-        """The picture of a shot in the view's size; None where it cannot be read."""
-        image = cv2.imread(str(shot.picture))
-        if image is None:
+        """The picture of a shot in the view's size; None where it is missing or damaged."""
+        if (jpeg := shot.jpeg()) is None:
             return None
         size = self._lens.width_px, self._lens.height_px
-        return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA)[..., ::-1].copy(), np.uint8)
+        return np.asarray(cv2.resize(decoded(jpeg), size, interpolation=cv2.INTER_AREA), np.uint8)
 
     def _sighted(self, moment: Moment) -> tuple[F64, tuple[str, ...]]:
         """Boxes (N, 4) around what a sensor without pictures has just reported."""

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+import shapely
 from numba import njit
 from numpy.typing import NDArray
 
@@ -56,6 +57,8 @@ class Checks:
             demanded_m = max(low_m, search.confirm_height_max_m - ALTITUDE_TOLERANCE_M)
             self._first_heights_m = [*(h for h in self._heights_m if h < demanded_m), demanded_m]
         self._obstacles, self._keep_m = context.obstacles, context.keep_m
+        self._area = context.area_enu_m
+        shapely.prepare(self._area)
         self._shows = context.shown
         self._shown: dict[tuple[int, int, int], float] = {}
 
@@ -191,14 +194,18 @@ class Checks:
         return best
 
     def _views(self, place_enu_m: F64, height_m: float) -> Iterator[View]:
-        """From a height, those that the camera has of a place (3,): straight above and from the sides."""
+        """From a height, those that the camera has of a place (3,): straight above and from the sides.
+
+        None is outside the area but straight above: the vehicle is not let out to look at something.
+        """
         across_m, along_m = self._lens.footprint_m(height_m)
         right, down = self._R[:, 0] * across_m / 2.0, self._R[:, 1] * along_m / 2.0
         for u, v in _BESIDE:
             east_m, north_m, _ = (u * right + v * down).tolist()
             view = View(east_m, north_m, height_m)
             eye = place_enu_m + np.array(view)
-            if self._is_clear(eye) and not self._obstacles.hide(place_enu_m, eye):
+            is_within = (u, v) == _BESIDE[0] or shapely.intersects_xy(self._area, eye[0], eye[1])
+            if is_within and self._is_clear(eye) and not self._obstacles.hide(place_enu_m, eye):
                 yield view
 
     def shown(self, place_enu_m: F64) -> float:
