@@ -164,7 +164,7 @@ class Suspects:
     def twins(
         self, of: Sequence[int], among: Sequence[int], candidates: Mapping[int, Candidate]
     ) -> dict[int, int]:
-        """For each candidate that may be one thing with one ``among`` others: the first such."""
+        """For each candidate that may be one thing with another one ``among`` these: the first such."""
         found: dict[int, int] = {}
         if not of or not among:
             return found
@@ -172,7 +172,7 @@ class Suspects:
         b = np.array([candidates[k].position_enu_m[:2] for k in among])
         near = np.abs(a[:, None] - b).sum(axis=2) <= _SAME_FAR_M
         for i, j in zip(*np.nonzero(near), strict=True):
-            if of[i] not in found and self.may_be_same(of[i], among[j], candidates):
+            if of[i] not in found and of[i] != among[j] and self.may_be_same(of[i], among[j], candidates):
                 found[of[i]] = among[j]
         return found
 
@@ -181,8 +181,10 @@ class Suspects:
     ) -> set[int]:
         """Those that may be one thing with one ``among`` others, or with a likelier one of themselves."""
         likely = sorted(of, key=self.probability, reverse=True)
-        twins = self.twins(likely, likely, candidates)  # the first may be itself
-        return {*self.twins(of, among, candidates), *(k for k, first in twins.items() if k != first)}
+        rank = {k: i for i, k in enumerate(likely)}
+        twins = self.twins(likely, likely, candidates)
+        likelier = {k for k, other in twins.items() if rank[other] < rank[k]}
+        return likelier.union(self.twins(of, among, candidates))
 
     def may_be_same(self, a: int, b: int, candidates: Mapping[int, Candidate]) -> bool:
         """Whether two candidates may be one thing: never found in one look, and near enough."""

@@ -118,12 +118,12 @@ class Checks:
         left of it where only the close look is lacking.
         """
         best_m, least_s = self._height_m, math.inf
-        for height_m in self._first_heights_m:
+        for height_m in reversed(self._first_heights_m):
             takes_s = self._takes_s(away_m, above_m, height_m)
-            if doubt_s > 0.0:
+            if doubt_s > 0.0 and takes_s <= least_s:
                 doubt = self._doubt_left(hypotheses, belief, nothing, place_enu_m, height_m)
                 takes_s += doubt * min(doubt_s, VIEW_S)
-            if takes_s < least_s:
+            if takes_s <= least_s:
                 best_m, least_s = height_m, takes_s
         return best_m
 

@@ -269,8 +269,6 @@ class BeliefSearch:
     def _turn_to_the_urgent(self, seen: Observation, here: XY, events: list[Event]) -> None:
         """To the candidate where a look now saves most against one later, unless a verdict costs less."""
         open_ = [k for k in self._open() if k not in self._looked and not self._suspects.all[k].in_view]
-        shadowed = self._shadowed(seen, open_)
-        open_ = [k for k in open_ if k not in shadowed]
         if not open_ or self._p.waiting_cost == 0.0:
             return
         scan = [self._left or here, *self._to_scan]
@@ -279,9 +277,11 @@ class BeliefSearch:
         dear = 1.0 + self._p.waiting_cost * self._still_waiting()
         visits = self._timing.visits(here, seen.altitude_agl_m, scan, places, waiting, dear)
         saved_s = visits.saved_s
-        for i in np.argsort(-saved_s)[:_MOST_URGENT].tolist():
-            if saved_s[i] <= 0.0:
-                return
+        if saved_s.max() <= 0.0:
+            return
+        shadowed = self._shadowed(seen, open_)
+        urgent = [i for i in np.argsort(-saved_s).tolist() if saved_s[i] > 0.0 and open_[i] not in shadowed]
+        for i in urgent[:_MOST_URGENT]:
             k, waits_s = open_[i], self._waiting_s(open_[i])
             if self._look_costs_s(seen, k, self._height_m(seen, k)) < self._saves_s(seen, k) + waits_s:
                 self._left = self._left or here
