@@ -92,7 +92,7 @@ def look_around(focal_px: float, seed: int) -> list[Seen]:
     free = [
         (k, thing)
         for k, thing in enumerate(world.objects)
-        if thing.kind == "person" and not occluders.is_beside_a_crown(thing)
+        if thing.kind == "person" and not occluders.is_beside_a_crown(thing.position_enu_m, thing.size_m)
     ]
     found = list[Seen]()
     for k in rng.permutation(len(free))[:PERSONS].tolist():

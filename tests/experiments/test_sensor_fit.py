@@ -48,13 +48,17 @@ def draw_looks(
     aspect_share=0.0,
     fade_rad=0.5,
     lapse=0.0,
+    lapse_among=None,
     lapse_shares=(0.0, 0.0),
     n_objects=500,
     passes=6,
     seed=0,
     subject=SIGN,
 ):
-    """Passes of successive looks from nearly one place; looks are the more alike, the less they differ."""
+    """Passes of successive looks from nearly one place; looks are the more alike, the less they differ.
+
+    With ``lapse_among``, of those among trees, half of the objects are in the open; else none is.
+    """
     rng = np.random.default_rng(seed)
     n_passes = n_objects * passes
     n = n_passes * PASS_LOOKS
@@ -80,6 +84,12 @@ def draw_looks(
     )
     view, hidden, cut, blur = (rng.uniform(0, most, n) for most in (0.5, 0.5, 0.75, 0.8))
     beside = rng.integers(0, 2, n_objects)[instance].astype(float)
+    shade = rng.choice([0.0, 0.0, 0.5, 1.0], n_objects)[instance]
+    lapses = np.full(n, lapse)
+    if lapse_among is not None:
+        is_among = np.random.default_rng([seed, 1]).random(n_objects)[instance] < 0.5
+        hidden[~is_among] = beside[~is_among] = shade[~is_among] = 0.0
+        lapses[is_among] = lapse_among
     edge_y, front = np.arange(n) % 2.0, np.sqrt(view) * np.cos(np.arange(n))
     at_edge_y = edge_y * np.maximum(1 - 8 / np.exp(x), 0)
     colour = rng.normal(30, 15, n_objects)[instance].clip(5, 80)
@@ -87,7 +97,6 @@ def draw_looks(
     others = np.floor(np.exp(rng.uniform(0.0, np.log(40.0), n))) - 1.0
     sides = view, front, front * np.clip((x - np.log(8)) / np.log(8), 0, 1)
     lens = np.where(rng.random(n_objects) < 0.3, rng.uniform(0.0, 3.0, n_objects), 0.0)[instance]
-    shade = rng.choice([0.0, 0.0, 0.5, 1.0], n_objects)[instance]
     seen_so = hidden, cut**2, at_edge_y, beside, shade, blur, contrast, np.log1p(others)
     factors = np.column_stack([*sides, *seen_so, lens])
     scores = np.interp(x, GRID, MEAN) + factors @ FACTORS + SPREAD * z
@@ -102,7 +111,7 @@ def draw_looks(
         draw = np.select(
             [whose < lapse_shares[0], whose < sum(lapse_shares)], [own[instance], of_aspect], draw
         )
-    reported = (scores >= score_of(CONFIDENCE_FLOOR)) & (draw >= lapse)
+    reported = (scores >= score_of(CONFIDENCE_FLOOR)) & (draw >= lapses)
     confidences = np.zeros((n, len(CLASSES)))
     confidences[reported, OWN] = confidence_of(scores[reported])
     offsets = np.full((n, len(CLASSES), 2), np.nan)
@@ -144,7 +153,7 @@ def test_mean_spread_and_factors_are_recovered(looks):
     assert curve.mean[0] == pytest.approx(MEAN[0], abs=0.5), "hardly ever reported"
     np.testing.assert_allclose(curve.shifts[: len(FACTORS)], FACTORS, atol=0.2)
     np.testing.assert_allclose(curve.spread, SPREAD, atol=0.08)
-    assert curve.lapse.max() < 0.05
+    assert curve.lapse[3:].max() < 0.05, "of smaller ones they are hardly told from low scores"
     for threshold in (MISSION_CONFIDENCE_MIN, 0.6):
         drawn = curve.chance(looks.pixels, factors, threshold)
         measured = looks.confidences[:, OWN] >= threshold
@@ -173,10 +182,12 @@ def test_what_a_ground_does_is_recovered():
     assert model.grounds["grass"] - model.grounds["snow"] == pytest.approx(0.8, abs=0.1)
 
 
-def test_lapses_are_told_from_low_scores():
-    looks = draw_looks(lapse=0.25)
+@pytest.mark.parametrize(("lapse", "lapse_among"), [(0.25, 0.25), (0.02, 0.2)])
+def test_lapses_are_told_from_low_scores(lapse, lapse_among):
+    looks = draw_looks(lapse=lapse, lapse_among=lapse_among)
     curve = fit_curves(looks, factors_of(looks))[SIGN, OWN]
-    np.testing.assert_allclose(curve.lapse[6:], 0.25, atol=0.06)
+    np.testing.assert_allclose(curve.lapse[6:], lapse, atol=0.06 if lapse > 0.1 else 0.015)
+    np.testing.assert_allclose(curve.lapse_among[6:], lapse_among, atol=0.06)
     np.testing.assert_allclose(curve.mean[6:], MEAN[6:], atol=0.25)
 
 

@@ -40,7 +40,7 @@ def cells_over(
     light: Light = NIGHT,
 ):
     wanted = np.ones(centres.shape[:2], dtype=bool)
-    of_target = {name: (1.75, 1.75)}, {name: (pose,)}
+    of_target = {name: (1.75, 1.75)}, {name: (pose,)}, 0.0
     return SearchedCells(centres, wanted, terrain, solids, light, CAMERA, DetectorModel(), MODEL, *of_target)
 
 
@@ -80,6 +80,24 @@ def test_it_grows_within_0_and_1_and_only_where_the_picture_shows_the_cell(looks
         before = pod
 
 
+@pytest.mark.parametrize(("height_m", "is_halved"), [(8.0, True), (30.0, False)])
+def test_a_wide_picture_from_low_altitude_counts_as_one_of_half_the_size(height_m, is_halved):
+    kinds = [kind.model_copy(update={"lens": 0.0}) for kind in MODEL.kinds]
+    of_target = {"person": (1.75, 1.75)}, {"person": ("standing",)}, 0.3 * 1.75
+    centres, pods = grid(), []
+    for width_px, height_px in ((640, 360), (1280, 720)):
+        camera = CameraModel(width_px=width_px, height_px=height_px, hfov_rad=1.4)
+        of_look = camera, DetectorModel(), MODEL.model_copy(update={"kinds": kinds}), *of_target
+        wanted = np.ones(centres.shape[:2], dtype=bool)
+        cells = SearchedCells(centres, wanted, FLAT, NO_SOLIDS, NIGHT, *of_look)
+        cells.look(
+            CameraPose(np.array([20.0, 15.0, height_m]), rotation_camera_to_enu(0.0, -math.pi / 2)), STILL
+        )
+        pods.append(cells.pod)
+    assert pods[0].max() > 0.3
+    assert np.allclose(*pods, rtol=1e-9) is is_halved
+
+
 @pytest.mark.parametrize(
     ("name", "pose", "size_m", "height_m"),
     [
@@ -108,7 +126,7 @@ def test_a_straight_pass_agrees_with_drawn_ones(name, pose, size_m, height_m, la
     passes = []
     for share in np.linspace(0, 1, 4, endpoint=False):
         centres = np.stack([aside_m, 0 * aside_m, 0 * aside_m], axis=-1)[None]
-        of_target = {name: (size_m, size_m)}, {name: (pose,)}
+        of_target = {name: (size_m, size_m)}, {name: (pose,)}, 0.0
         unknown = replace(FLAT, surface="unknown")
         cells = SearchedCells(
             centres,

@@ -72,7 +72,8 @@ def table(kind="stop sign", reported_as="stop sign", pose="face-up", scores=(-3.
         reported_as=reported_as,
         score=list(scores),
         spread=[0.5] * 4,
-        lapse=[other.pop("lapse", 0.0)] * 4,
+        lapse=[other.get("lapse", 0.0)] * 4,
+        lapse_among=[other.pop("lapse_among", other.pop("lapse", 0.0))] * 4,
         **(fields | other),
     )
 
@@ -133,11 +134,13 @@ def sensor_of(
     surface=FLAT,
     light=None,
     tiles=1,
+    smallest_m=0.0,
 ):
     world = World(surface, tuple(objects), tuple(trees), (), light or Light(), 0)
     eye = Eye(true if callable(true) else lambda: true, motion)
     detector = DetectorModel(tiles=tiles).model_copy(update={"confidence_min": minimum})
-    return StatisticalSensor(world, camera, detector, eye, Exposures(10.0, 0.0), classes, seed, tables)
+    exposures, size = Exposures(10.0, 0.0), {"smallest_m": smallest_m}
+    return StatisticalSensor(world, camera, detector, eye, exposures, classes, seed, tables, **size)
 
 
 def chance(mean, spread=0.5, minimum=MINIMUM):
@@ -666,13 +669,32 @@ def test_only_crowns_that_are_nearer_than_the_object_is_large_are_beside_it():
     for gap_m, beside in ((0.5, True), (2.0, False)):
         tree = WorldTree(np.array([2.5 + gap_m, 0.0, 0.0]), 8.0, 2.5, "broadleaf", 0)
         world = World(FLAT, (), (tree,), (), Light(), 0)
-        assert Occluders(world).is_beside_a_crown(sign()) is beside
+        assert Occluders(world).is_beside_a_crown(np.zeros(3), 0.9) is beside
 
 
 def test_the_docs_say_of_every_factor_what_the_code_says():
     page = (Path(__file__).parents[2] / "docs" / "statistical-sensor.md").read_text()
     for factor in FACTORS:
         assert f"| `{factor.name}` | times: {factor.says}" in page
+
+
+def test_a_wide_picture_from_low_altitude_is_drawn_as_one_of_half_the_size():
+    """From 9 m 0.9 m span 94 pixels of the wide picture."""
+    wide = CameraModel(width_px=1280, height_px=720, hfov_rad=1.2, latency_s=0.0)
+    tables, things = model(table(scores=(0.0,) * 4)), [sign(1.0, 2.0)]
+    above = nadir(9.0)
+    small = looks(things, tables, above, 200)
+    halved = looks(things, tables, above, 200, camera=wide, smallest_m=0.9)
+    whole = looks(things, tables, above, 200, camera=wide)
+    assert sum(map(len, small)) == sum(map(len, halved)) > 50
+    for a, b in zip(small, halved, strict=True):
+        np.testing.assert_allclose(2.0 * a.boxes_xyxy_px, b.boxes_xyxy_px, rtol=1e-9)
+        np.testing.assert_array_equal(a.confidences, b.confidences)
+    assert any(
+        not np.allclose(a.boxes_xyxy_px, b.boxes_xyxy_px)
+        for a, b in zip(whole, halved, strict=True)
+        if len(a) == len(b) > 0
+    )
 
 
 TILED = CameraModel(width_px=1280, height_px=720, hfov_rad=1.2, latency_s=0.0)  # two tiles of 712 x 400

@@ -66,3 +66,28 @@ def test_pixels_that_are_enlarged_count_less_than_their_number():
     view = view_of(ANY_SIZE, 640, 360, tiles=2)
     assert view.enlarged == pytest.approx(640 / 356)
     assert 1.0 < view.scale < view.enlarged
+
+
+def test_a_halved_picture_is_seen_as_one_of_half_the_size():
+    wide, narrow = CameraModel(width_px=1280, height_px=720, hfov_rad=1.4), MODEL.camera.lens
+    view = MODEL.view_of(wide, DetectorModel(), smallest_m=0.9)
+    (below_m,) = view.below_m
+    assert view.pixels_on_target(0.9, below_m) == pytest.approx(DetectorModel().halve_above_px)
+    assert view.at(below_m) is view
+    low = view.at(below_m - 0.1)
+    assert low.tiles_px.tolist() == [[0, 0, 640, 360]]
+    assert (low.scale, low.as_high, low.focal_px) == pytest.approx((0.5, 1.0, narrow.focal_px))
+    assert MODEL.view_of(wide, DetectorModel(halve_above_px=float("inf")), 0.9).at(0.1).scale == 1.0
+
+
+def test_halving_what_is_shrunk_to_a_fixed_input_anyway_changes_nothing(fixed_size):
+    wide = CameraModel(width_px=3840, height_px=2160, hfov_rad=1.4)
+    view = MODEL.view_of(wide, DetectorModel(model=fixed_size), smallest_m=1.75)
+    for height_m in (1.0, 80.0, 500.0):
+        assert view.at(height_m).scale == pytest.approx(1 / 6)
+        assert view.at(height_m).focal_px == pytest.approx(MODEL.camera.lens.focal_px)
+
+
+def test_altitudes_of_false_reports_are_those_of_equal_ground_a_pixel_through_any_lens():
+    view = view_of(ANY_SIZE, 640, 360, hfov_rad=0.7)
+    assert view.as_high == pytest.approx(MODEL.camera.lens.focal_px / view.focal_px)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from skysweep.detection.halving import HalvingDetector, halved_below_m
 from skysweep.detection.layouts import Told
 from skysweep.detection.model_files import existing_model_file
 from skysweep.detection.model_trial import try_out
@@ -28,7 +29,7 @@ from skysweep.tracking.tracker import GroundTracker
 from skysweep.types import F64, Camera, Detector, Sensor, Truth, Vehicle
 from skysweep.vehicles.embedded.at_home import embedded_vehicle
 from skysweep.worlds.obstacles import Obstacles
-from skysweep.worlds.world import World, build_world
+from skysweep.worlds.world import World, build_terrain, build_world
 
 if TYPE_CHECKING:
     from skysweep.worlds.rendering.renderer import Backend, Painter
@@ -67,6 +68,7 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
             seed,
             model_for(scenario),
             rig.unit,
+            scenario.smallest_extent_m,
         )
     else:
         from skysweep.sensing.camera_watch import CameraWatch
@@ -195,7 +197,8 @@ def make_detector(scenario: Scenario, threads: int) -> Detector:
     for entry in entry_points(group="skysweep.detectors", name=d.model):
         made: Detector = entry.load()(scenario)
         return made
-    return YoloDetector(
+    below_m = halved_below_m(scenario.camera.lens, scenario.smallest_extent_m, d.halve_above_px)
+    found = YoloDetector(
         d.model,
         scenario.target_classes,
         confidence_min=d.confidence_min,
@@ -206,3 +209,4 @@ def make_detector(scenario: Scenario, threads: int) -> Detector:
         pixels=d.pixels,
         channels=d.channels,
     )
+    return HalvingDetector(found, below_m, build_terrain(scenario).height_at_m) if below_m else found

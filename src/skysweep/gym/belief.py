@@ -37,6 +37,7 @@ from skysweep.sensing.statistical.factors import (
     VIEW_MAX,
 )
 from skysweep.sensing.statistical.model import KindModel, StatisticalModel, model_for, score_of
+from skysweep.sensing.statistical.view import View
 from skysweep.worlds.occlusion import FLAT, SHAPES, pixels_on_target
 
 _LUCKS = 5  # nodes of the Gauss-Hermite quadrature over a target's luck
@@ -95,27 +96,32 @@ def chances_of_look(scenario: Scenario) -> tuple[F64, F64]:
     return chances, np.append((1.0 - lapsing) * weights / weights.sum(), lapsing)
 
 
+def _view_of(model: StatisticalModel, scenario: Scenario) -> View:
+    return model.view_of(scenario.camera, scenario.detector, scenario.smallest_extent_m)
+
+
 def _scan_pixels(model: StatisticalModel, kind: KindModel, scenario: Scenario) -> float:
     """On a target of the smallest size, from straight above."""
-    focal_px = model.view_of(scenario.camera, scenario.detector).focal_px
-    shape, size_m = SHAPES.get(kind.pose, FLAT), scenario.target_sizes_m[kind.kind][0]
     height_m = scenario.search.scan_altitude_agl_m
+    focal_px = _view_of(model, scenario).at(height_m).focal_px
+    shape, size_m = SHAPES.get(kind.pose, FLAT), scenario.target_sizes_m[kind.kind][0]
     return pixels_on_target(focal_px, shape, size_m, 0.0, 0.0, height_m, height_m)
 
 
 def _common_lapse(model: StatisticalModel, kind: KindModel, pixels: F64 | float) -> F64:
     """Share of the targets at which all looks at one aspect lapse."""
-    own, of_aspect, _ = kind.lapses
+    own, of_aspect, _ = kind.lapses(is_among=False)
     return np.asarray(np.interp(np.log(pixels), np.log(model.pixels), 1.0 - (1.0 - own) * (1.0 - of_aspect)))
 
 
 def _chances(model: StatisticalModel, kind: KindModel, scenario: Scenario, lucks: F64) -> F64:
     shape, size_m = SHAPES.get(kind.pose, FLAT), scenario.target_sizes_m[kind.kind][0]
-    view = model.view_of(scenario.camera, scenario.detector)
+    view = _view_of(model, scenario)
     across, up = np.sqrt(_VIEWS), np.sqrt(1.0 - _VIEWS)
     rays = zip(across.tolist(), up.tolist(), strict=True)
-    at_1_m = np.array([pixels_on_target(view.focal_px, shape, size_m, a, 0.0, u, 1.0) for a, u in rays])
-    pixels = at_1_m / _DEPTHS_M[:, None]
+    of_focal = np.array([pixels_on_target(1.0, shape, size_m, a, 0.0, u, 1.0) for a, u in rays])
+    focal_px = np.array([view.at(depth_m).focal_px for depth_m in _DEPTHS_M.tolist()])
+    pixels = of_focal * (focal_px / _DEPTHS_M)[:, None]
     at, grid = np.log(pixels), np.log(model.pixels)
     surface = scenario.terrain.surface
     contrast = next((c for c in model.contrasts if (c.kind, c.pose) == (kind.kind, kind.pose)), None)

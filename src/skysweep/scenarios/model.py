@@ -35,6 +35,7 @@ MAX_CORNERS = 10_000  # of an area
 MAX_FENCE_CORNERS = 1000
 MAX_TREES, MAX_BUILDINGS, MAX_OBJECTS = 50_000, 5000, 5000
 MAX_HOVER_H = 48.0
+HALVE_ABOVE_PX = 48.0  # beyond which the shipped detector sees persons better at half of the size
 MAX_WAITING_PX = 300_000_000  # of pictures between exposure and answer
 GIMBAL_PITCH_DEG = (-90.0, 45.0)  # limits, above the horizon
 DOWN_WITHIN_DEG = 1.0  # of straight down
@@ -617,6 +618,13 @@ class DetectorModel(Model):
     tiles: int = Field(
         1, ge=1, le=8, description="Split the picture into tiles x tiles, each scaled to the model's input"
     )
+    halve_above_px: float = Field(
+        HALVE_ABOVE_PX,
+        gt=0,
+        allow_inf_nan=True,
+        description="Give the model a picture of 1280 pixels or more at half of its size while the smallest "
+        "target, seen straight down, spans more than this; .inf: never",
+    )
     boxes: Literal["pixels", "normalised"] | None = Field(
         None, description="What the model's boxes are measured in, where its file leaves that open"
     )
@@ -634,8 +642,8 @@ class DetectorModel(Model):
     @model_serializer(mode="wrap")
     def _without_what_is_open(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """A scenario that leaves them open has the same keys as before there were these fields."""
-        may_be_open = ("boxes", "pixels", "channels")
-        return {k: v for k, v in write(self).items() if k not in may_be_open or v is not None}
+        open_so = {"boxes": None, "pixels": None, "channels": None, "halve_above_px": HALVE_ABOVE_PX}
+        return {k: v for k, v in write(self).items() if k not in open_so or v != open_so[k]}
 
 
 PositiveOrInf = Annotated[float, Field(gt=0, allow_inf_nan=True)]

@@ -19,6 +19,7 @@ from skysweep.sensing.statistical.searched_area import SearchedArea
 from skysweep.sensing.statistical.view import View
 from skysweep.types import XY
 from skysweep.worlds.obstacles import Obstacles, keep_m
+from skysweep.worlds.occlusion import Occluders, known_occluders
 from skysweep.worlds.world import TerrainSurface
 
 _SEEN_THROUGH = 0.2  # probability that a look shows what is thought to be hidden: nobody knows every leaf
@@ -46,11 +47,11 @@ class MissionContext:
     exposure_s: float
     vehicle: VehicleLimits
     surface: str  # of most of the ground
-    is_wooded: bool
     obstacles: Obstacles  # known trees and buildings, and the ground
     keep_m: float  # distance that the vehicle keeps from them
     load_sensor_model: Callable[[], StatisticalModel]
     load_sensor_view: Callable[[], View]
+    load_occluders: Callable[[], Occluders]
     searched_area: Callable[[int, int], SearchedArea]  # nothing looked at yet; arguments as ``SearchedArea``
     parameters: Model  # the strategy's own
 
@@ -86,11 +87,11 @@ class MissionContext:
             camera.exposure_s,
             scenario.vehicle,
             _commonest_surface(obstacles.terrain),
-            bool(scenario.trees or scenario.forests or scenario.terrain.land_cover),
             obstacles,
             keep_m(scenario),
             load,
-            lambda: load().view_of(camera, scenario.detector),
+            lambda: load().view_of(camera, scenario.detector, scenario.smallest_extent_m),
+            lambda: known_occluders(scenario, obstacles.terrain),
             lambda cells_across, max_cells: SearchedArea(scenario, load(), cells_across, max_cells),
             parameters,
         )
@@ -107,6 +108,11 @@ class MissionContext:
     def sensor_view(self) -> View:
         """The camera's pictures in the pixels of that model. Raises UserError as ``sensor_model``."""
         return self.load_sensor_view()
+
+    @cached_property
+    def occluders(self) -> Occluders:
+        """What shades and hides, of the trees and buildings that are known."""
+        return self.load_occluders()
 
     def ground_at_m(self, xy: XY) -> float:
         """Height of the ground, ENU."""

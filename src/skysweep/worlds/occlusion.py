@@ -13,9 +13,17 @@ import numpy as np
 from numba import njit
 
 from skysweep.arrays import F64, I64
-from skysweep.scenarios.model import SHARE_FROM_ABOVE
+from skysweep.scenarios.model import SHARE_FROM_ABOVE, Scenario
 from skysweep.worlds.grid import Grid, around
-from skysweep.worlds.world import STANDING_SIGN_EDGE_M, TerrainSurface, World, WorldObject, bilinear_at
+from skysweep.worlds.world import (
+    STANDING_SIGN_EDGE_M,
+    TerrainSurface,
+    World,
+    WorldObject,
+    bilinear_at,
+    build_buildings,
+    build_trees,
+)
 
 FLAT, STANDING, FLOATING, SITTING, CROUCHING = range(5)
 SHAPES = {  # of poses; all others are flat
@@ -87,13 +95,17 @@ class Occluders:
         self.grid = Grid.of(self.solids[:, :2], self.solids[:, 9])
         self._to_sun = np.array(world.light.to_sun_enu)
 
-    def is_beside_a_crown(self, thing: WorldObject) -> bool:
-        """Whether a crown's edge is closer to the object's middle than the object's size."""
-        x, y = thing.position_enu_m[:2].tolist()
-        s = self.solids[self._around(x, y, x, y, thing.size_m)]
+    def around(self, middle_enu_m: F64, size_m: float) -> tuple[bool, float]:
+        """Whether a crown is beside an object with its middle there, and what share of it is in the shade."""
+        return self.is_beside_a_crown(middle_enu_m, size_m), self.shade(middle_enu_m, size_m)
+
+    def is_beside_a_crown(self, place_enu_m: F64, size_m: float) -> bool:
+        """Whether a crown's edge is closer to the middle of an object than its size."""
+        x, y = place_enu_m[:2].tolist()
+        s = self.solids[self._around(x, y, x, y, size_m)]
         s = s[s[:, 10] == 0.0]
         away = np.hypot(s[:, 0] - x, s[:, 1] - y)
-        return bool((away <= s[:, 9] + thing.size_m).any())
+        return bool((away <= s[:, 9] + size_m).any())
 
     def visible_fraction(self, camera_enu_m: F64, thing: WorldObject) -> float:
         """Share (0..1) of nine points of the object that the camera sees."""
@@ -102,14 +114,19 @@ class Occluders:
         near = self._around(x0, y0, x1, y1, thing.size_m)
         return float(visible_share(camera_enu_m, place, thing.size_m, self.solids, near))
 
-    def shade(self, thing: WorldObject) -> float:
-        """Share (0..1) of nine points of the object on which the shadow of a solid falls; 0 at night."""
-        place = middle_enu_m(thing)
-        return float(shades(place[None], thing.size_m, self._to_sun, self.solids, *self.grid)[0])
+    def shade(self, middle_enu_m: F64, size_m: float) -> float:
+        """Share (0..1) of nine points of an object on which the shadow of a solid falls; 0 at night."""
+        return float(shades(middle_enu_m[None], size_m, self._to_sun, self.solids, *self.grid)[0])
 
     def _around(self, x0: float, y0: float, x1: float, y1: float, margin_m: float) -> I64:
         found = np.empty(len(self.solids), dtype=np.int64)
         return found[: around(found, *self.grid, x0, y0, x1, y1, margin_m)]
+
+
+def known_occluders(scenario: Scenario, terrain: TerrainSurface) -> Occluders:
+    """Those of a scenario, which a mission knows before take-off."""
+    trees, buildings = build_trees(scenario, terrain), build_buildings(scenario, terrain)
+    return Occluders(World(terrain, (), trees, buildings, scenario.light, seed=0))
 
 
 def _crowns(world: World) -> F64:

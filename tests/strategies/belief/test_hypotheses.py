@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose
+from skysweep.scenarios.files import load_scenario
+from skysweep.scenarios.model import Scenario
 from skysweep.sensing.statistical.model import StatisticalModel
 from skysweep.strategies.belief.hypotheses import Hypotheses
 from skysweep.strategies.belief.parameters import BeliefParameters
@@ -52,6 +54,28 @@ def test_a_miss_through_leaves_counts_by_how_probably_it_would_have_shown_someth
     odds = [after_misses(shown) - before for shown in (0.2, 0.6, 1.0)]
     assert -2.0 < odds[0] < -0.1
     assert odds[2] < odds[1] - 1.0 < odds[0] - 2.0
+
+
+def test_low_scores_speak_for_a_target_in_the_shade_of_a_tree():
+    """The sun stands in the south-east: the shadow falls to the north-west."""
+    tree = {"position_enu_m": [100.0, 100.0], "height_m": 12.0, "crown_radius_m": 3.0}
+    plain = load_scenario("person-wilderness").model_dump()
+    with_tree = Scenario.model_validate(plain | {"forests": [], "trees": [tree]})
+    persons = Hypotheses(context_of(scenario=with_tree), "person", BeliefParameters())
+    to_sun = np.array(with_tree.light.to_sun_enu)
+    shadow = 100.0 - 8.0 * to_sun[:2] / to_sun[2]
+
+    def evidence_at(place, score):
+        belief = persons.fresh()
+        for _ in range(2):
+            eye = CameraPose(np.array([*place, 24.0]), DOWN)
+            persons.look(belief, eye, np.array([*place, 0.0]), score, widened=1.0, others=0)
+        target, _, nothing, *_ = persons.evidence(belief, shift=0.0)
+        return target - nothing
+
+    for score in (None, -0.3):
+        assert evidence_at(shadow, score) > evidence_at((150.0, 150.0), score) + 0.1
+    assert evidence_at((101.0, 100.0), None) > evidence_at((150.0, 150.0), None) + 0.1, "beside the crown"
 
 
 def test_what_a_scan_seldom_reports_counts_for_more_once_it_was():

@@ -17,7 +17,7 @@ from scipy.stats import binomtest
 
 from skysweep.arrays import I64
 from skysweep.experiments.calibration.check import EDGES, THRESHOLDS, Told
-from skysweep.experiments.calibration.fit import GRID_PX, MISSION_CONFIDENCE_MIN, shifts_of
+from skysweep.experiments.calibration.fit import GRID_PX, MISSION_CONFIDENCE_MIN, is_among, shifts_of
 from skysweep.experiments.calibration.looks import CLASSES, SUBJECTS, SURFACES, Background, ScoredLooks
 from skysweep.geometry.camera import Lens
 from skysweep.scenarios.model import DEFAULT_SIZE_M
@@ -130,8 +130,9 @@ def drawn_rates(kind: KindModel, factors: F64, confidence: float = MISSION_CONFI
     These are the same at every size, (M, F), or others at each, (G, M, F).
     """
     means = np.array(kind.score)[:, None] + factors @ shifts_of(kind)
-    above = ndtr((means - score_of(confidence)) / np.array(kind.spread)[:, None]).mean(axis=1)
-    return np.asarray((1.0 - np.array(kind.lapse)) * above)
+    above = ndtr((means - score_of(confidence)) / np.array(kind.spread)[:, None])
+    lapse = np.where(is_among(factors), *np.array([kind.lapse_among, kind.lapse])[..., None])
+    return np.asarray(((1.0 - lapse) * above).mean(axis=1))
 
 
 def _measured(above: Axes, below: Axes, pixels: F64, confidences: F64, name: str) -> None:

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar, nnls
 from scipy.special import expit, gamma, ndtr
 from scipy.stats import weibull_min
@@ -34,6 +35,7 @@ from skysweep.sensing.statistical.factors import (
     CONTRAST_UNIT,
     CONTRAST_USUAL,
     FACTORS,
+    NAMES,
     factors_of_look,
 )
 from skysweep.sensing.statistical.model import BackgroundModel, BoxModel, ContrastModel, KindModel, score_of
@@ -55,18 +57,22 @@ _SPREAD_STD = 0.4  # prior of the log spread
 _USUAL_SPREAD = 0.4
 _LENS, _GROUND = (0.0, 0.2), (0.0, 0.5)  # priors: mean and standard deviation, as those of the FACTORS
 _N_FACTORS = len(FACTORS)
+_OF_TREES = [NAMES.index(name) for name in ("hidden", "beside", "shade")]
 _SHIFT_MEAN, _SHIFT_STD = np.array([f.prior for f in FACTORS] + [_LENS] + [_GROUND] * len(SURFACES)).T
 _LAPSE = (-3.5, 2.0)  # prior of its logit
+_AMONG = (1.0, 1.0)  # prior of what that rises by among trees
 _LIMITS = (
     [(-9.0, 9.0)] * len(GRID_PX)
     + [(-2.3, 0.7)] * 3
     + [(-f.limit, f.limit) for f in FACTORS]
     + [(-6.0, 6.0)] * (1 + len(SURFACES))
     + [(-9.0, 2.0)] * 3
+    + [(-1.0, 6.0)]
 )
 _N = len(GRID_PX)
 _FIRST_SHIFT = _N + len(_SPREAD_KNOTS_PX)
 _LAPSE_AT = _FIRST_SHIFT + len(_SHIFT_MEAN)
+_AMONG_AT = _LAPSE_AT + len(_LAPSE_KNOTS_PX)
 _RATE_CURVE_STD, _RATE_SLOPE_STD = 0.5, 1.0  # of differences of the log rate, an octave of altitude apart
 _SCALE_CURVE_STD, _SCALE_SLOPE_STD = 0.3, 0.3  # and of the log of the mean score
 _SHAPE_STD = 0.3  # of the log of the scores' shape
@@ -80,27 +86,42 @@ class ScoreCurve:
     mean: F64  # (G,)
     log_spread: F64  # (3,)
     shifts: F64  # (S,) of the mean: FACTORS, the lens, then SURFACES
-    lapse_logit: F64  # (3,)
+    lapse_logit: F64  # (3,) in the open
+    among_logit: float  # added to that among trees
 
     @property
     def spread(self) -> F64:
-        """(G,) over the grid, as is ``lapse``."""
+        """(G,) over the grid, as are ``lapse`` and ``lapse_among``."""
         return np.asarray(np.exp(np.interp(np.log(GRID_PX), np.log(_SPREAD_KNOTS_PX), self.log_spread)))
 
     @property
     def lapse(self) -> F64:
-        return np.asarray(expit(np.interp(np.log(GRID_PX), np.log(_LAPSE_KNOTS_PX), self.lapse_logit)))
+        return self._lapse(0.0)
+
+    @property
+    def lapse_among(self) -> F64:
+        return self._lapse(self.among_logit)
+
+    def _lapse(self, more: float) -> F64:
+        logit = np.interp(np.log(GRID_PX), np.log(_LAPSE_KNOTS_PX), self.lapse_logit)
+        return np.asarray(expit(logit + more))
 
     def at(self, pixels: F64, factors: F64) -> tuple[F64, F64, F64]:
         """Mean and spread of the scores, and the lapse, of looks with (N,) pixels and (N, S) factors."""
         x, grid = np.log(pixels), np.log(GRID_PX)
-        mean, spread, lapse = (np.interp(x, grid, table) for table in (self.mean, self.spread, self.lapse))
-        return mean + factors @ self.shifts, spread, lapse
+        tables = self.mean, self.spread, self.lapse, self.lapse_among
+        mean, spread, in_the_open, among = (np.interp(x, grid, table) for table in tables)
+        return mean + factors @ self.shifts, spread, np.where(is_among(factors), among, in_the_open)
 
     def chance(self, pixels: F64, factors: F64, confidence: float) -> F64:
         """(N,) chance of a report with at least this confidence."""
         mean, spread, lapse = self.at(pixels, factors)
         return np.asarray((1.0 - lapse) * ndtr((mean - score_of(confidence)) / spread))
+
+
+def is_among(factors: F64) -> NDArray[np.bool_]:
+    """(N,) whether trees stand beside what the looks with (N, S) factors show, shade it or hide it."""
+    return np.asarray((factors[..., _OF_TREES] > 0.0).any(axis=-1))
 
 
 Priors = tuple[F64, F64]  # log_spread and shifts of a ScoreCurve, means over all kinds
@@ -167,7 +188,7 @@ def fit_curve(pixels: F64, factors: F64, confidences: F64, priors: Priors = FIRS
     nodes = _hats(pixels, GRID_PX)
     design = np.hstack([nodes, factors])
     spread_design = nodes @ _hats(GRID_PX, _SPREAD_KNOTS_PX)
-    lapse_design = nodes @ _hats(GRID_PX, _LAPSE_KNOTS_PX)
+    lapse_design = np.column_stack([nodes @ _hats(GRID_PX, _LAPSE_KNOTS_PX), is_among(factors)])
     bends = _smoothness(_N, _CURVE_STD, _SLOPE_STD)
     mean_places = [*range(_N), *range(_FIRST_SHIFT, _LAPSE_AT)]
     usual_log_spread, usual_shifts = priors
@@ -175,7 +196,8 @@ def fit_curve(pixels: F64, factors: F64, confidences: F64, priors: Priors = FIRS
         (slice(0, _N), *_MEAN),
         (slice(_N, _FIRST_SHIFT), usual_log_spread, _SPREAD_STD),
         (slice(_FIRST_SHIFT, _LAPSE_AT), usual_shifts, _SHIFT_STD),
-        (slice(_LAPSE_AT, None), *_LAPSE),
+        (slice(_LAPSE_AT, _AMONG_AT), *_LAPSE),
+        (slice(_AMONG_AT, None), *_AMONG),
     ]
 
     def cost(theta: F64) -> tuple[float, F64]:
@@ -206,7 +228,8 @@ def fit_curve(pixels: F64, factors: F64, confidences: F64, priors: Priors = FIRS
             gradient[place] += off / std_
         return float(value), gradient
 
-    start = np.full(_LAPSE_AT + len(_LAPSE_KNOTS_PX), _LAPSE[0])
+    start = np.full(_AMONG_AT + 1, _LAPSE[0])
+    start[_AMONG_AT] = _AMONG[0]
     start[:_N] = x.mean() if len(x) else FLOOR_SCORE
     start[_N:_FIRST_SHIFT], start[_FIRST_SHIFT:_LAPSE_AT] = priors
     best = minimize(cost, start, jac=True, method="L-BFGS-B", bounds=_LIMITS, options={"maxiter": 400}).x
@@ -215,7 +238,8 @@ def fit_curve(pixels: F64, factors: F64, confidences: F64, priors: Priors = FIRS
     usual = factors[:, grounds].mean(axis=0) @ shifts[grounds]
     mean += usual
     shifts[grounds] -= usual
-    return ScoreCurve(mean, best[_N:_FIRST_SHIFT], shifts, best[_LAPSE_AT:])
+    lapse_logit, among_logit = best[_LAPSE_AT:_AMONG_AT], float(best[_AMONG_AT])
+    return ScoreCurve(mean, best[_N:_FIRST_SHIFT], shifts, lapse_logit, among_logit)
 
 
 def _with_lens(curve: ScoreCurve, pixels: F64, factors: F64, confidences: F64, priors: Priors) -> ScoreCurve:

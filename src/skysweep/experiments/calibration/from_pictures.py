@@ -133,7 +133,8 @@ def _measured(kind: KindModel, rendered: StatisticalModel, curves: dict[str, Sco
     if curve is None or kind.reported_as != kind.kind:
         return kind
     at = np.log(rendered.pixels), np.log(GRID_PX)
-    tables = {"score": (curve.mean, 3), "spread": (curve.spread, 3), "lapse": (curve.lapse, 4)}
+    lapse = curve.lapse, 4
+    tables = {"score": (curve.mean, 3), "spread": (curve.spread, 3), "lapse": lapse, "lapse_among": lapse}
     return kind.model_copy(
         update={name: np.interp(*at, table).round(n).tolist() for name, (table, n) in tables.items()}
     )

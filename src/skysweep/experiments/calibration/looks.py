@@ -459,8 +459,8 @@ class Scorer:
         self._world, self._lens, self._exposure_s = world, lens, exposure_s
         self._lens_octaves = lens_octaves
         self._occluders = Occluders(world)
-        self._beside = [self._occluders.is_beside_a_crown(o) for o in world.objects]
-        self._shades = [self._occluders.shade(o) for o in world.objects]
+        around = [self._occluders.around(middle_enu_m(o), o.size_m) for o in world.objects]
+        self._beside, self._shades = zip(*around, strict=True)
         self._places = np.array([middle_enu_m(o) for o in world.objects])
         self._feet = np.array([o.position_enu_m for o in world.objects])
         self._sizes_m = np.array([o.size_m for o in world.objects])

@@ -182,7 +182,7 @@ def look_around(job: WorldJob) -> Tally:
     renderer = make_renderer(view.world)
     expose = exposing(camera, renderer, int(rng.integers(2**31)))
     detector = make_detector(scenario, threads=1)
-    seen_as = job.model.view_of(camera, scenario.detector)
+    seen_as = job.model.view_of(camera, scenario.detector, scenario.smallest_extent_m)
     tally, seen = Tally(), set[tuple[int, int]]()
     looks: list[tuple[CameraPose, F64, int]] = []
     for number in range(job.n_pictures):
@@ -197,13 +197,13 @@ def look_around(job: WorldJob) -> Tally:
         low, high = tally.heights.get(band, (height_m, height_m))
         tally.heights[band] = min(low, height_m), max(high, height_m)
         tally.pictures[band] += 1
-        inside = view.inside(pose)
+        inside, seen_so = view.inside(pose), seen_as.at(height_m)
         seen.update((i, band) for i in inside)
         for i in inside:
             size_m = view.world.objects[i].size_m
-            tally.look(view.things[i], band, math.log(seen_as.pixels_on_target(size_m, height_m)))
+            tally.look(view.things[i], band, math.log(seen_so.pixels_on_target(size_m, height_m)))
         for thing in (GROUND, TREE):
-            tally.look(thing, band, math.log(seen_as.as_high * height_m))
+            tally.look(thing, band, math.log(seen_so.as_high * height_m))
     renderer.close()
     tally.objects.update((view.things[i], band) for i, band in seen)
     for band, n in tally.pictures.items():

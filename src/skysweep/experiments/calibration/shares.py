@@ -231,6 +231,7 @@ def kind_model(key: Key, curve: ScoreCurve, shares: Shares) -> KindModel:
         **dict(zip((*NAMES, "lens"), shifts, strict=False)),
         grounds=dict(zip(SURFACES, shifts[len(FACTORS) + 1 :], strict=True)),
         lapse=curve.lapse.round(4).tolist(),
+        lapse_among=curve.lapse_among.round(4).tolist(),
         object_share=round(shares.of_object, 3),
         aspect_share=round(shares.of_aspect, 3),
         fade_rad=round(shares.fade_rad, 3),

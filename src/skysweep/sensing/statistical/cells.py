@@ -79,8 +79,8 @@ class SearchedCells:
 
     ``centres_enu_m`` (R, C, 3) are on the ground, by row from south to north; ``wanted`` (R, C) are the cells
     that count; ``solids`` those of ``worlds.occlusion``, which cast their shadows in the ``light``;
-    ``sizes_m`` and ``poses`` those of each searched class. Raises UserError where the model does not know one
-    of the classes.
+    ``sizes_m`` and ``poses`` those of each searched class, of which the smallest spans ``smallest_m`` from
+    above. Raises UserError where the model does not know one of the classes.
     """
 
     def __init__(
@@ -95,6 +95,7 @@ class SearchedCells:
         model: StatisticalModel,
         sizes_m: Mapping[str, tuple[float, float]],
         poses: Mapping[str, Sequence[str]],
+        smallest_m: float,
     ) -> None:
         self._wanted, self._centres = wanted, centres_enu_m[wanted]
         self._solids, self._grid, self._relief = solids, Grid.of(solids[:, :2], solids[:, 9]), relief(terrain)
@@ -105,9 +106,8 @@ class SearchedCells:
         self._ground = np.zeros(len(self._centres), dtype=np.int64)
         if cover is not None:
             self._ground[:] = cover.codes_at(self._centres[:, :2])
-        view = model.view_of(camera, detector)
-        self._tiles = view.tiles_px
-        self._optics = (view.focal_px, view.width_px, view.height_px, camera.exposure_s)
+        view = self._view = model.view_of(camera, detector, smallest_m)
+        self._exposure_s, self._ground_at_m = camera.exposure_s, terrain.height_at_m
         self._fade_scale = model.fade_scale
         self._threshold = float(score_of(detector.confidence_min))
         self._log_pixels = np.log(model.pixels)
@@ -144,6 +144,8 @@ class SearchedCells:
 
     def look(self, pose: CameraPose, motion: CameraMotion) -> None:
         """Take in a picture from there, with this motion of the camera."""
+        x, y, z = pose.position_enu_m.tolist()
+        view = self._view.at(z - self._ground_at_m(x, y))
         _look(
             self._luck,
             self._centres,
@@ -157,8 +159,8 @@ class SearchedCells:
             self._tables,
             self._variants,
             self._log_pixels,
-            self._tiles,
-            self._optics,
+            view.tiles_px,
+            (view.focal_px, view.width_px, view.height_px, self._exposure_s),
             self._fade_scale,
             self._threshold,
             pose.position_enu_m,
@@ -175,7 +177,7 @@ def _variants(
     sizes_m: Mapping[str, tuple[float, float]],
     poses: Mapping[str, Sequence[str]],
 ) -> Iterator[tuple[float, list[float], tuple[Any, ...]]]:
-    """Weight, tables of score, spread and lapse, and VARIANT of what a target may be."""
+    """Weight, tables of score, spread and lapses, and VARIANT of what a target may be."""
     for name, (low_m, high_m) in sizes_m.items():
         kinds = [k for k in model.kinds if k.kind == k.reported_as == name]
         kinds = [k for k in kinds if k.pose in poses[name]] or kinds
@@ -187,7 +189,8 @@ def _variants(
         for kind, size_m in itertools.product(kinds, sizes):
             sides = _sides(kind)
             weight = 1.0 / (len(sizes_m) * len(kinds) * len(sizes) * len(sides))
-            table = [*kind.scores(surface, lens_octaves), *kind.spread, *kind.lapse]
+            lapses = *kind.lapse, *kind.lapse_among
+            table = [*kind.scores(surface, lens_octaves), *kind.spread, *lapses]
             mean, std = model.contrast(kind.kind, kind.pose, surface)
             contrast = float(np.clip((mean - CONTRAST_USUAL) / CONTRAST_UNIT, *CONTRAST_LIMITS))
             shares = kind.object_share, kind.aspect_share, kind.fade_rad
@@ -293,6 +296,9 @@ def _look(
                         clear = 0.0
                 if inside * clear < 1.0 - HIDDEN_MAX:
                     continue
+                is_beside = beside_m <= variant.size
+                is_among = is_beside or shade[i] > 0.0 or clear < 1.0
+                lapse = row[(3 if is_among else 2) * g :]
                 factors = factors_of_look(
                     across / away,
                     variant.facing[0] * x + variant.facing[1] * y,
@@ -300,7 +306,7 @@ def _look(
                     1.0 - clear,
                     1.0 - inside,
                     inside_y < 1.0 - CUT_MIN,
-                    1.0 if beside_m <= variant.size else 0.0,
+                    1.0 if is_beside else 0.0,
                     shade[i],
                     blur * focal * exposure_s,
                     variant.contrast,
@@ -317,7 +323,7 @@ def _look(
                     fade_scale,
                     mean,
                     row[g + node] + w * (row[g + node + 1] - row[g + node]),
-                    row[2 * g + node] + w * (row[2 * g + node + 1] - row[2 * g + node]),
+                    lapse[node] + w * (lapse[node + 1] - lapse[node]),
                     variant.object_share,
                     variant.aspect_share,
                     variant.lapse_object_share,

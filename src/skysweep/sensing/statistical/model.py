@@ -38,7 +38,7 @@ from skysweep.sensing.statistical.factors import (
 )
 from skysweep.sensing.statistical.view import View
 
-VERSION = 10  # 9 knew of passes, not of aspects, and nothing of lens and shade
+VERSION = 11  # 10 had as many lapses in the open as among trees
 MAX_ENLARGED = 2.0  # times that a camera's pixels may be enlarged for the detector
 _ROUNDING = 1.001
 _VIEW_MAX_DEG = math.degrees(math.asin(math.sqrt(VIEW_MAX)))
@@ -73,7 +73,10 @@ class KindModel(_Part):
     score: list[float] = Field(description="Over the grid: mean from straight above, whole and sharp")
     spread: list[float] = Field(description="Over the grid: standard deviation")
     lapse: list[Annotated[float, Field(ge=0, lt=1)]] = Field(
-        description="Over the grid: share of looks not reported whatever the score"
+        description="Over the grid: share of looks not reported whatever the score, in the open"
+    )
+    lapse_among: list[Annotated[float, Field(ge=0, lt=1)]] = Field(
+        description="The same where trees stand beside it, shade it or hide it"
     )
     view: float
     front: float
@@ -115,10 +118,12 @@ class KindModel(_Part):
         """(G,) means of the score on that surface through that lens, before the FACTORS."""
         return np.array(self.score) + self.grounds.get(surface, 0.0) + self.lens * lens_octaves
 
-    @property
-    def lapses(self) -> tuple[NDArray[np.float64], ...]:
-        """(G,) chances of a lapse that is the object's own; else, of the aspect; else, of the look alone."""
-        lapse = np.array(self.lapse)
+    def lapses(self, is_among: bool) -> tuple[NDArray[np.float64], ...]:
+        """(G,) chances of a lapse that is the object's own; else, of the aspect; else, of the look alone.
+
+        ``is_among`` trees there are more than in the open.
+        """
+        lapse = np.array(self.lapse_among if is_among else self.lapse)
         own = self.lapse_object_share * lapse
         of_aspect = self.lapse_aspect_share * lapse / (1.0 - own)
         return own, of_aspect, 1.0 - (1.0 - lapse) / ((1.0 - own) * (1.0 - of_aspect))
@@ -281,7 +286,7 @@ class StatisticalModel(_Part):
     @model_validator(mode="after")
     def _tables_fit_grid(self) -> StatisticalModel:
         for kind in self.kinds:
-            for table in (kind.score, kind.spread, kind.lapse):
+            for table in (kind.score, kind.spread, kind.lapse, kind.lapse_among):
                 if len(table) != len(self.pixels):
                     raise ValueError(f"kind '{kind.kind}': every list must have {len(self.pixels)} entries")
         return self
@@ -326,9 +331,13 @@ class StatisticalModel(_Part):
         table = next((c for c in self.contrasts if (c.kind, c.pose) == (kind, pose)), None)
         return table.surfaces.get(surface, (CONTRAST_USUAL, 0.0)) if table else (CONTRAST_USUAL, 0.0)
 
-    def view_of(self, camera: CameraModel, detector: DetectorModel) -> View:
-        """How the detector sees a camera's pictures. Raises UserError if its file cannot be read."""
-        return View.of(camera, detector, self.camera.lens)
+    def view_of(self, camera: CameraModel, detector: DetectorModel, smallest_m: float = 0.0) -> View:
+        """How the detector sees a camera's pictures.
+
+        ``smallest_m`` is what the smallest target spans from above: pictures that it spans too much of are
+        halved. Raises UserError if the detector's file cannot be read.
+        """
+        return View.of(camera, detector, self.camera.lens, smallest_m)
 
     def lens_octaves(self, view: View) -> float:
         """Of the focal length of a camera so seen over the calibrated one, as far as that was measured."""
@@ -387,14 +396,14 @@ class StatisticalModel(_Part):
         Beyond its tables the model repeats their ends.
         """
         search, smallest_m = scenario.search, scenario.smallest_extent_m
-        view = self.view_of(scenario.camera, scenario.detector)
+        view = self.view_of(scenario.camera, scenario.detector, smallest_m)
         h_s, h_c = search.scan_altitude_agl_m, search.check_altitude_agl_m
-        in_check = view.pixels_on_target(smallest_m, h_c)
+        in_scan, in_check = (view.at(h).pixels_on_target(smallest_m, h) for h in (h_s, h_c))
         cm = [100.0 * h / self.camera.lens.focal_px for b in self.background for h in b.altitude_agl_m]
-        asked = [("pixels on target", view.pixels_on_target(smallest_m, h_s), self.pixels)]
+        asked = [("pixels on target", in_scan, self.pixels)]
         asked += [("pixels on target in a check", max(in_check, self.pixels[0]), self.pixels)]
         for where, height_m in (("", h_s), (" in a check", h_c)) if cm else ():
-            asked.append((f"cm of ground a pixel{where}", 100.0 * height_m / view.focal_px, cm))
+            asked.append((f"cm of ground a pixel{where}", 100.0 * height_m / view.at(height_m).focal_px, cm))
         off_deg = 90.0 + math.degrees(scenario.camera.gimbal.pitch_rad)
         asked += [("degrees off the vertical", off_deg, [0.0, _VIEW_MAX_DEG])]
         beyond = " and ".join(

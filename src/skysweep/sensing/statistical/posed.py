@@ -22,7 +22,15 @@ class PosedSensor:
         at_once = scenario.camera.model_copy(update={"latency_s": 0.0})
         classes = scenario.target_classes
         self._sensor = StatisticalSensor(
-            world, at_once, scenario.detector, self._eye, _Always(), classes, seed, model
+            world,
+            at_once,
+            scenario.detector,
+            self._eye,
+            _Always(),
+            classes,
+            seed,
+            model,
+            smallest_m=scenario.smallest_extent_m,
         )
 
     def detect(self, pose: CameraPose, velocity_enu_mps: F64) -> Detections:

@@ -12,8 +12,8 @@ from skysweep.geometry.camera import CameraMotion, CameraPose
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.statistical.cells import SearchedCells
 from skysweep.sensing.statistical.model import StatisticalModel
-from skysweep.worlds.occlusion import Occluders
-from skysweep.worlds.world import World, build_buildings, build_terrain, build_trees
+from skysweep.worlds.occlusion import known_occluders
+from skysweep.worlds.world import build_terrain
 
 _FINEST_M = 0.25
 
@@ -43,20 +43,20 @@ class SearchedArea:
         half_m = 0.5 * self.cell_m
         self.inside = shapely.intersects(area, shapely.box(x - half_m, y - half_m, x + half_m, y + half_m))
         terrain = build_terrain(scenario)
-        trees, buildings = build_trees(scenario, terrain), build_buildings(scenario, terrain)
         z = terrain.height_m(np.column_stack([x.ravel(), y.ravel()])).reshape(x.shape)
         self.centres_enu_m = np.stack([x, y, z], axis=-1)
         self.cells = SearchedCells(
             self.centres_enu_m,
             self.inside,
             terrain,
-            Occluders(World(terrain, (), trees, buildings, scenario.light, seed=0)).solids,
+            known_occluders(scenario, terrain).solids,
             scenario.light,
             scenario.camera,
             scenario.detector,
             model,
             scenario.target_sizes_m,
             scenario.target_poses,
+            scenario.smallest_extent_m,
         )
 
 

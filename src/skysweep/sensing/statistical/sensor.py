@@ -52,7 +52,8 @@ class StatisticalSensor:
     """Draws detections instead of rendering pictures. Implements ``types.Sensor``.
 
     ``eye`` knows the camera's true pose; ``classes`` are those that the mission searches for. Each of several
-    sensors in one world is another ``unit``, with its own draws of the same objects.
+    sensors in one world is another ``unit``, with its own draws of the same objects. ``smallest_m`` is what
+    the smallest target spans from above; with 0 no picture is halved for the detector.
     """
 
     def __init__(
@@ -66,8 +67,9 @@ class StatisticalSensor:
         seed: int,
         model: StatisticalModel,
         unit: int = 0,
+        smallest_m: float = 0.0,
     ) -> None:
-        self._model, self._view = model, model.view_of(camera, detector)
+        self._model, self._view = model, model.view_of(camera, detector, smallest_m)
         self._ground_at_m = world.terrain.height_at_m
         self._lens, self._latency_s = camera.lens, camera.latency_s
         self._eye, self._exposures = eye, exposures
@@ -83,13 +85,15 @@ class StatisticalSensor:
         self._octaves, *of_ghosts = self._tabulate_ghosts(world, classes, once)
         of_looks = np.random.default_rng([seed, 31, unit] if unit else [seed, 31])
         seed_of_looks = of_looks.integers(2**62)
-        view, box, largest_m = self._view, model.box, things["size"].max(initial=0.0)
-        optics = (view.focal_px, view.width_px, view.height_px, camera.exposure_s)
+        box, largest_m = model.box, things["size"].max(initial=0.0)
         scores = (score_of(detector.confidence_min), score_of(model.experiment.confidence_floor))
         boxes = (box.pixels, box.of_object, box.of_blur, model.fade_scale, detector.iou_max)
-        sensor = (*optics, seed_of_looks, *scores, *boxes, largest_m)
-        self._sensor = np.array([sensor], dtype=SENSOR).view(np.float64)
-        in_tiles = min(len(view.tiles_px), _MOST_REPORTS)
+        self._sensors: dict[float, F64] = {}  # by the scale of a view
+        for view in (self._view, *self._view.halved):
+            optics = (view.focal_px, view.width_px, view.height_px, camera.exposure_s)
+            sensor = (*optics, seed_of_looks, *scores, *boxes, largest_m)
+            self._sensors[view.scale] = np.array([sensor], dtype=SENSOR).view(np.float64)
+        in_tiles = min(len(self._view.tiles_px), _MOST_REPORTS)
         places = in_tiles * len(self._row_names) + _MAX_GHOSTS
         self._boxes, self._scores = np.empty((places, 4)), np.empty(places)
         self._rows = np.empty(places, dtype=np.int64)
@@ -120,13 +124,14 @@ class StatisticalSensor:
         velocity_mps, rates_radps = self._eye.true_camera_motion()
         x, y, z = position.tolist()
         height_m = z - self._ground_at_m(x, y)
-        log_altitude = math.log(max(height_m * self._view.as_high, 1.0))
+        view = self._view.at(height_m)
+        log_altitude = math.log(max(height_m * view.as_high, 1.0))
         octave = self._octaves[min(int(log_altitude / math.log(2.0)), OCTAVES - 1)]
         of_octave = octave.ghosts, octave.first, *octave.tree
         of_world: tuple[Any, ...] = (*self._of_things, *of_octave, *self._of_ghosts)
         n, end = draw_look(
-            self._sensor,
-            self._view.tiles_px,
+            self._sensors[view.scale],
+            view.tiles_px,
             position,
             R,
             velocity_mps,
@@ -140,7 +145,7 @@ class StatisticalSensor:
             return Detections(time_s, *_NOTHING, believed, self._lens)
         rows = self._rows[:end].tolist()
         names = [self._row_names[row] for row in rows[:n]] + [self._ghost_names[c] for c in rows[n:]]
-        confidences, boxes = confidence_of(self._scores[:end]), self._boxes[:end] / self._view.scale
+        confidences, boxes = confidence_of(self._scores[:end]), self._boxes[:end] / view.scale
         return Detections(time_s, boxes, confidences, tuple(names), believed, self._lens)
 
     def _move(self, time_s: float) -> None:
@@ -150,10 +155,7 @@ class StatisticalSensor:
         for row, thing in self._movers:
             now, record = self._world.at(thing, time_s), self._things[row]
             record["place"], record["facing"] = middle_enu_m(now), _facing(now)
-            record["beside"], record["shade"] = (
-                self._occluders.is_beside_a_crown(now),
-                self._occluders.shade(now),
-            )
+            record["beside"], record["shade"] = self._occluders.around(record["place"], now.size_m)
         refit(*self._tree, self._things["place"])
 
     def _tabulate_objects(
@@ -177,22 +179,19 @@ class StatisticalSensor:
             if not kinds:
                 continue
             surface, first_row = world.terrain.surface_at(*thing.position_enu_m[:2].tolist()), len(rows)
+            beside, shade = occluders.around(middle_enu_m(thing), thing.size_m)
+            is_among = beside or shade > 0.0
             for kind in kinds:
                 reported_as = list(classes).index(kind.reported_as)
                 offset = own[reported_as] * np.sqrt(kind.object_share)
                 rest = max(1.0 - kind.object_share - kind.aspect_share, 0.0)
                 shares = np.sqrt([kind.aspect_share, rest])
-                lapses = ndtri(np.clip(kind.lapses, 1e-9, 1.0)).ravel()
+                lapses = ndtri(np.clip(kind.lapses(is_among), 1e-9, 1.0)).ravel()
                 score = kind.scores(surface, octaves)
                 luck_of_row = offset, *shares, own_lapse[reported_as], kind.fade_rad
                 rows.append([*score, *kind.spread, *lapses, *kind.factors, *luck_of_row])
                 self._row_names.append(kind.reported_as)
-            looks_so = (
-                shape_of(thing),
-                occluders.is_beside_a_crown(thing),
-                occluders.shade(thing),
-                self._contrast(thing, surface, colour),
-            )
+            looks_so = shape_of(thing), beside, shade, self._contrast(thing, surface, colour)
             if thing.track is not None:
                 self._movers.append((len(things), thing))
             its_rows = first_row, len(rows)

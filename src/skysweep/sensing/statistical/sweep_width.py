@@ -95,7 +95,9 @@ def lateral_range(
     one is each look's. So do lapses.
     """
     search, camera, model = scenario.search, scenario.camera, model_for(scenario)
-    lens, view = camera.lens, model.view_of(camera, scenario.detector)
+    lens = camera.lens
+    whole = model.view_of(camera, scenario.detector, scenario.smallest_extent_m)
+    view = whole.at(height_m)
     step_m = search.scan_speed_mps / min(scenario.detector.rate_hz, camera.rate_hz)
     along_m = lens.footprint_m(height_m)[1]
     looks = int(np.ceil(along_m / step_m))
@@ -109,7 +111,7 @@ def lateral_range(
     shape = SHAPES.get(kind.pose, FLAT)
     pixels_at = [pixels_on_target(view.focal_px, shape, size_m, x, 0.0, -height_m, height_m) for x in away_m]
     own_draw, aspect_draw = of_lapses.random((2, *own.shape))
-    of_ground = _scores_of_ground(kind, model, surfaces, own.shape) + kind.lens * model.lens_octaves(view)
+    of_ground = _scores_of_ground(kind, model, surfaces, own.shape) + kind.lens * model.lens_octaves(whole)
     last_sight, last_at = np.zeros((3, *own.shape)), np.zeros(own.shape)
     reported = np.zeros(own.shape, dtype=np.bool_)
     for look in range(looks):
@@ -133,7 +135,8 @@ def lateral_range(
         luck += rest * rng.normal(size=own.shape)
         seen = mean + np.interp(at, grid, kind.spread) * luck >= threshold
         lapsed = np.zeros(own.shape, dtype=np.bool_)
-        for draw, lapse in zip((own_draw, aspect_draw, rng.random(own.shape)), kind.lapses, strict=True):
+        draws = own_draw, aspect_draw, rng.random(own.shape)
+        for draw, lapse in zip(draws, kind.lapses(is_among=False), strict=True):
             lapsed |= draw < np.interp(at, grid, lapse)
         large = pixels >= TOO_SMALL * model.pixels[0]
         reported |= large & seen & ~lapsed & (along <= along_m / 2.0)

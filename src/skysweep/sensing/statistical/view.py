@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skysweep.arrays import F64
+from skysweep.detection.halving import halved_below_m, n_halvings
 from skysweep.detection.layouts import Told
 from skysweep.detection.model_files import existing_model_file, sha256_of
 from skysweep.detection.tiling import FixedSides, fitting_scale, input_hw_for, tiles_px
@@ -34,24 +35,45 @@ class View(NamedTuple):
     tiles_px: F64  # (T, 4) left, top, right and bottom of each
     enlarged: float  # times that the detector enlarges the camera's pixels, at least 1
     as_high: float  # times an altitude: from where a calibrated pixel shows as much ground
+    below_m: tuple[float, ...] = ()  # heights below which pictures are halved once, twice and so on
+    halved: tuple[View, ...] = ()  # how they are seen then
 
     @classmethod
-    def of(cls, camera: CameraModel, detector: DetectorModel, calibrated: Lens) -> View:
+    def of(
+        cls, camera: CameraModel, detector: DetectorModel, calibrated: Lens, smallest_m: float = 0.0
+    ) -> View:
         """The view of this camera by a detector that was calibrated, untiled, with that lens.
 
-        Raises UserError where the size of the detector's input is asked for and its file cannot be read.
+        ``smallest_m`` is what the smallest target spans from above; with 0 no picture is halved. Raises
+        UserError where the size of the detector's input is asked for and its file cannot be read.
         """
-        lens, scale, enlarged, as_high = camera.lens, 1.0, 1.0, 1.0
-        size_px = lens.width_px, lens.height_px
+        below_m = halved_below_m(camera.lens, smallest_m, detector.halve_above_px)
+        whole, *halved = (
+            cls._of_halved(camera, detector, calibrated, halvings) for halvings in range(1 + len(below_m))
+        )
+        return whole._replace(below_m=below_m, halved=tuple(halved))
+
+    @classmethod
+    def _of_halved(
+        cls, camera: CameraModel, detector: DetectorModel, calibrated: Lens, halvings: int
+    ) -> View:
+        lens, scale, enlarged = camera.lens, 1.0, 1.0
+        size_px = lens.width_px >> halvings, lens.height_px >> halvings
         calibrated_px = calibrated.width_px, calibrated.height_px
+        focal_px = lens.focal_px * size_px[0] / lens.width_px
         if (size_px, detector.tiles) != (calibrated_px, 1):
             given = _input_scale(detector, size_px, detector.tiles) / _input_scale(detector, calibrated_px, 1)
             enlarged = max(given, 1.0)
             scale = min(given, enlarged**_GAIN)
-            as_high = calibrated.focal_px / (lens.focal_px * scale)
         tiles = scale * np.array(tiles_px(*size_px, detector.tiles), dtype=float)
-        focal_px, width_px, height_px = (px * scale for px in (lens.focal_px, *size_px))
-        return cls(scale, focal_px, width_px, height_px, tiles, enlarged, as_high)
+        focal_px, width_px, height_px = (px * scale for px in (focal_px, *size_px))
+        of_camera, as_high = scale * size_px[0] / lens.width_px, calibrated.focal_px / focal_px
+        return cls(of_camera, focal_px, width_px, height_px, tiles, enlarged, as_high)
+
+    def at(self, height_agl_m: float) -> View:
+        """That of pictures from this height."""
+        halvings = n_halvings(self.below_m, height_agl_m)
+        return self.halved[halvings - 1] if halvings else self
 
     def pixels_on_target(self, size_m: float, distance_m: float) -> float:
         """Of an object that is seen face-on."""

@@ -57,6 +57,9 @@ _SURPRISE_MAX = 9.0
 _REPORTED_LEAST = 1e-3  # probability that a passing reports it
 _SIZE, _SHAPE, _HEIGHT, _VIEW, _COMPANY, _UNSURE = range(6)  # of one
 _OBJECT_SHARE, _ASPECT_SHARE, _FADE, _LAPSE_OBJECT_SHARE, _LAPSE_ASPECT_SHARE = range(6, 11)
+_BESIDE, _SHADE = range(11, 13)
+_IN_THE_OPEN = 0.0, 0.0  # beside a crown (0 or 1), share in the shade
+_AROUND_M = 0.5  # places so near to each other have the same surroundings
 
 
 class Hypotheses:
@@ -76,20 +79,25 @@ class Hypotheses:
         for kind, size, is_target, _ in rows:
             score = kind.scores(surface, octaves)
             mean, own = _contrast(model, kind, surface)
-            tables.append([*(score + kind.contrast * mean), *kind.spread, *kind.lapse])
+            lapses = *kind.lapse, *kind.lapse_among
+            tables.append([*(score + kind.contrast * mean), *kind.spread, *lapses])
             shape = SHAPES.get(kind.pose, FLAT)
             height = 0.5 * size if shape == STANDING else 0.0
             unsure = math.hypot(kind.contrast * own, parameters.model_std if is_target else 0.0)
             shares = kind.object_share, kind.aspect_share, kind.fade_rad
             of_lapses = (kind.lapse_object_share, kind.lapse_aspect_share) if is_target else (0.0, 0.0)
-            numbers.append([size, shape, height, kind.view, kind.company, unsure, *shares, *of_lapses])
+            of_trees = kind.beside, kind.shade
+            of_kind = size, shape, height, kind.view, kind.company, unsure
+            numbers.append([*of_kind, *shares, *of_lapses, *of_trees])
         self._tables = np.array(tables)
         self._numbers = np.array(numbers)
         spreads = self._tables[:, len(model.pixels) : 2 * len(model.pixels)].mean(axis=1)
         own_var = self._numbers[:, _OBJECT_SHARE] * spreads**2 + self._numbers[:, _UNSURE] ** 2
         self._own_std = np.append(np.sqrt(own_var), 1.0)
         self._ghost = _Ghost(model, class_name)
-        self._lapse_floor = parameters.lapse + (parameters.lapse_in_woods if context.is_wooded else 0.0)
+        self._lapse_floors = parameters.lapse, parameters.lapse + parameters.lapse_in_woods
+        self._context, self._size_m = context, context.sizes_m[class_name][1]
+        self._around: dict[tuple[int, int], tuple[float, float]] = {}
         reported = self._reported(context, weights)
         self._log_prior = np.log(weights / reported)
         self.reported = float(reported[0])  # probability that a passing of the scan reports a target
@@ -107,7 +115,7 @@ class Hypotheses:
         missed = unseen((len(weights),))
         for offset_m in np.arange((step_m - along_m) / 2.0, along_m / 2.0, step_m).tolist():
             camera = CameraPose(np.array([*(offset_m * R[:2, 1]), height_m]), R)
-            self._weigh(missed, camera, np.zeros(3), None, widened=1.0, others=0, shown=1.0)
+            self._weigh(missed, camera, np.zeros(3), None, 1.0, 0, 1.0, _IN_THE_OPEN)
         reported = np.maximum(1.0 - np.exp(missed[:, WEIGHT]), _REPORTED_LEAST)
         is_thing = ~self._is_target
         is_thing[-1] = False
@@ -146,7 +154,8 @@ class Hypotheses:
         what is there; otherwise a hit or miss is as likely as where nothing is. Surprise is the squared
         distance of the score from what was expected, in variances, 1 on average; 0 for a miss.
         """
-        surprise = self._weigh(belief, camera, place_enu_m, score, widened, others, shown)
+        around = self._surroundings(place_enu_m)
+        surprise = self._weigh(belief, camera, place_enu_m, score, widened, others, shown, around)
         belief[:, WEIGHT] -= belief[:, WEIGHT].max()
         return surprise
 
@@ -159,8 +168,10 @@ class Hypotheses:
         widened: float,
         others: int,
         shown: float,
+        around: tuple[float, float],
     ) -> float:
         height_m = float(camera.position_enu_m[2] - place_enu_m[2])
+        view = self._view.at(height_m)
         return _look(
             belief,
             self._tables,
@@ -169,17 +180,28 @@ class Hypotheses:
             camera.position_enu_m,
             camera.R_camera_to_enu,
             place_enu_m,
-            self._view.focal_px,
+            view.focal_px,
             self._fade_scale,
             math.nan if score is None else score,
             self._threshold,
-            self._lapse_floor,
-            self._ghost.at(max(height_m * self._view.as_high, 1.0)),
+            self._lapse_floors[around != _IN_THE_OPEN],
+            self._ghost.at(max(height_m * view.as_high, 1.0)),
             self._is_target,
             widened,
             math.log1p(others),
             shown,
+            *around,
         )
+
+    def _surroundings(self, place_enu_m: F64) -> tuple[float, float]:
+        """Whether (0 or 1) a target there is beside a crown, and what share of it is in the shade."""
+        x, y, z = place_enu_m.tolist()
+        near = round(x / _AROUND_M), round(y / _AROUND_M)
+        if near not in self._around:
+            place = np.array([near[0] * _AROUND_M, near[1] * _AROUND_M, z])
+            beside, shade = self._context.occluders.around(place, self._size_m)
+            self._around[near] = float(beside), shade
+        return self._around[near]
 
     def confusion(self, belief: F64, camera: CameraPose, place_enu_m: F64, nothing: float) -> float:
         """Share of today's doubt, 0..1, that looks from there would leave.
@@ -187,6 +209,7 @@ class Hypotheses:
         The Chernoff bound of the error between each target and each other hypothesis, weighted by both.
         ``nothing`` is the share of those candidates that are no targets.
         """
+        height_m = float(camera.position_enu_m[2] - place_enu_m[2])
         return float(
             _confusion(
                 belief,
@@ -197,10 +220,11 @@ class Hypotheses:
                 camera.position_enu_m,
                 camera.R_camera_to_enu,
                 place_enu_m,
-                self._view.focal_px,
+                self._view.at(height_m).focal_px,
                 self._fade_scale,
                 self._threshold,
                 nothing,
+                *self._surroundings(place_enu_m),
             )
         )
 
@@ -292,7 +316,16 @@ def _evidence(
 
 @njit(cache=True)
 def _expect(
-    out: F64, table: F64, numbers: F64, log_pixels: F64, eye: F64, R: F64, place: F64, focal: float
+    out: F64,
+    table: F64,
+    numbers: F64,
+    log_pixels: F64,
+    eye: F64,
+    R: F64,
+    place: F64,
+    focal: float,
+    beside: float,
+    shade: float,
 ) -> None:
     """Write pixels, mean and spread of the score, and chance of a lapse."""
     g = len(log_pixels)
@@ -308,8 +341,10 @@ def _expect(
     view = min(across / max(across + dz * dz, 1e-9), VIEW_MAX)
     out[0] = pixels
     out[1] = (1.0 - w) * table[k] + w * table[k + 1] + numbers[_VIEW] * view
+    out[1] += numbers[_BESIDE] * beside + numbers[_SHADE] * shade
     out[2] = (1.0 - w) * table[g + k] + w * table[g + k + 1]
-    out[3] = (1.0 - w) * table[2 * g + k] + w * table[2 * g + k + 1]
+    of_lapses = (3 if beside > 0.0 or shade > 0.0 else 2) * g
+    out[3] = (1.0 - w) * table[of_lapses + k] + w * table[of_lapses + k + 1]
 
 
 @njit(cache=True)
@@ -334,12 +369,14 @@ def _confusion(
     fade_scale: float,
     threshold: float,
     nothing: float,
+    beside: float,
+    shade: float,
 ) -> float:
     n = len(tables)
     means, variances = np.empty(n + 1), np.empty(n + 1)
     expected, sight = np.empty(4), _sight(eye, place)
     for i in range(n):
-        _expect(expected, tables[i], numbers[i], log_pixels, eye, R, place, focal)
+        _expect(expected, tables[i], numbers[i], log_pixels, eye, R, place, focal, beside, shade)
         spread, b = expected[2], belief[i]
         own = math.sqrt(numbers[i, _OBJECT_SHARE] * spread * spread + numbers[i, _UNSURE] ** 2)
         left = kept_since(b, expected[0], sight, numbers[i, _FADE], fade_scale)
@@ -380,6 +417,8 @@ def _look(
     widened: float,
     company: float,
     shown: float,
+    beside: float,
+    shade: float,
 ) -> float:
     n = len(tables)
     expected, seen, sight = np.empty(4), np.empty(N_STATES), _sight(eye, place)
@@ -389,7 +428,7 @@ def _look(
         b = belief[i]
         seen[:] = b
         if i < n:
-            _expect(expected, tables[i], numbers[i], log_pixels, eye, R, place, focal)
+            _expect(expected, tables[i], numbers[i], log_pixels, eye, R, place, focal, beside, shade)
             pixels, mean, spread = expected[0], expected[1] + numbers[i, _COMPANY] * company, expected[2]
             lapse = max(expected[3], lapse_floor)
             object_share, aspect_share = numbers[i, _OBJECT_SHARE], numbers[i, _ASPECT_SHARE]
