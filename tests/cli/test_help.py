@@ -1,6 +1,8 @@
 """The help of every command: short, with examples, and the same name for the same thing."""
 
 import shlex
+import subprocess
+import sys
 
 import pytest
 from test_answers import COMMANDS
@@ -69,3 +71,10 @@ def test_one_thing_has_one_name(name):
 
 def test_the_version_is_told():
     assert CliRunner().invoke(app, ["--version"]).output == f"skysweep {skysweep.__version__}\n"
+
+
+def test_python_runs_the_package():
+    told = subprocess.run(
+        [sys.executable, "-m", "skysweep", "--help"], capture_output=True, text=True, check=True
+    )
+    assert "Usage: skysweep " in told.stdout

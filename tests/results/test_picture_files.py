@@ -1,5 +1,7 @@
 """A picture kept in flight is one that any program shows, and no damage to it goes unseen."""
 
+import os
+
 import cv2
 import numpy as np
 import pytest
@@ -21,6 +23,12 @@ SMALL = {
     "camera": {"hfov_rad": 1.2},
     "search": {"scan_altitude_agl_m": 8},
 }
+
+
+def test_a_pipe_in_place_of_a_picture_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / NAME)
+    with pytest.raises(FileNotFoundError):
+        read_picture(tmp_path / NAME)
 
 
 def test_it_shows_what_was_kept(tmp_path):

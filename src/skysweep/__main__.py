@@ -1,0 +1,5 @@
+"""``python -m skysweep`` is the command line."""
+
+from skysweep.cli import app
+
+app(prog_name="skysweep")
