@@ -1,4 +1,4 @@
-"""Pictures from low altitudes are given to the detector at half of their size, or a quarter."""
+"""Pictures from low altitudes are given to the detector at half of their size, or less."""
 
 import math
 
@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from skysweep.detection.halving import LEAST_SIDE_PX, HalvingDetector, halved_below_m, n_halvings
 from skysweep.geometry.camera import CameraPose, Lens
+from skysweep.scenarios.model import CameraModel, DetectorModel, Gimbal
 from skysweep.types import Detections, Frame
 
+WIDE = CameraModel(width_px=3840, height_px=2160, hfov_rad=1.2)
 GROUND_M = 100.0
 
 
@@ -24,9 +27,11 @@ GROUND_M = 100.0
 def test_the_smallest_target_keeps_half_of_the_pixels_that_are_enough(
     width_px, height_px, smallest_m, above_px, height_m
 ):
-    lens = Lens(width_px, height_px, 1.2)
-    spans_px = float(lens.pixels_on_target(smallest_m, height_m))
-    halvings = n_halvings(halved_below_m(lens, smallest_m, above_px), height_m)
+    camera = CameraModel(width_px=width_px, height_px=height_px, hfov_rad=1.2)
+    spans_px = float(camera.lens.pixels_on_target(smallest_m, height_m))
+    halvings = n_halvings(
+        halved_below_m(camera, DetectorModel(halve_above_px=above_px), smallest_m), height_m
+    )
     if halvings:
         assert max(width_px, height_px) >> halvings >= LEAST_SIDE_PX
         assert spans_px / 2**halvings > above_px / 2 * (1 - 1e-9)
@@ -35,9 +40,24 @@ def test_the_smallest_target_keeps_half_of_the_pixels_that_are_enough(
 
 
 def test_pictures_of_the_calibrated_size_and_targets_without_size_are_never_halved():
-    assert halved_below_m(Lens(640, 360, 1.4), 1.75, 48.0) == ()
-    assert halved_below_m(Lens(3840, 2160, 1.2), 0.0, 48.0) == ()
-    assert n_halvings(halved_below_m(Lens(3840, 2160, 1.2), 0.5, math.inf), 1.0) == 0
+    assert halved_below_m(CameraModel(), DetectorModel(), 1.75) == ()
+    assert halved_below_m(WIDE, DetectorModel(), 0.0) == ()
+    assert n_halvings(halved_below_m(WIDE, DetectorModel(halve_above_px=math.inf), 1.75), 1.0) == 0
+    assert halved_below_m(WIDE, DetectorModel(tiles=2), 1.75) == ()
+
+
+def test_through_a_tilted_camera_the_ground_is_farther_away():
+    tilted = WIDE.model_copy(update={"gimbal": Gimbal(pitch_deg=-30.0)})
+    down, ahead = (halved_below_m(camera, DetectorModel(), 1.75) for camera in (WIDE, tilted))
+    assert ahead == pytest.approx([0.5 * height_m for height_m in down])
+
+
+def test_a_scenario_says_when_in_numbers():
+    assert DetectorModel(halve_above_px=64).model_dump()["halve_above_px"] == 64.0
+    assert "halve_above_px" not in DetectorModel().model_dump(), "older scenarios have the same key"
+    for wrong in (True, math.nan, 0.0):
+        with pytest.raises(ValidationError, match="halve_above_px"):
+            DetectorModel(halve_above_px=wrong)
 
 
 class Corner:

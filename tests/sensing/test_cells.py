@@ -83,7 +83,7 @@ def test_it_grows_within_0_and_1_and_only_where_the_picture_shows_the_cell(looks
 @pytest.mark.parametrize(("height_m", "is_halved"), [(8.0, True), (30.0, False)])
 def test_a_wide_picture_from_low_altitude_counts_as_one_of_half_the_size(height_m, is_halved):
     kinds = [kind.model_copy(update={"lens": 0.0}) for kind in MODEL.kinds]
-    of_target = {"person": (1.75, 1.75)}, {"person": ("standing",)}, 0.3 * 1.75
+    of_target = {"person": (1.75, 1.75)}, {"person": ("standing",)}, 1.75
     centres, pods = grid(), []
     for width_px, height_px in ((640, 360), (1280, 720)):
         camera = CameraModel(width_px=width_px, height_px=height_px, hfov_rad=1.4)

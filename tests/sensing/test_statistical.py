@@ -679,10 +679,10 @@ def test_the_docs_say_of_every_factor_what_the_code_says():
 
 
 def test_a_wide_picture_from_low_altitude_is_drawn_as_one_of_half_the_size():
-    """From 9 m 0.9 m span 94 pixels of the wide picture."""
+    """From 6 m 0.9 m span 140 pixels of the wide picture."""
     wide = CameraModel(width_px=1280, height_px=720, hfov_rad=1.2, latency_s=0.0)
-    tables, things = model(table(scores=(0.0,) * 4)), [sign(1.0, 2.0)]
-    above = nadir(9.0)
+    tables, things = model(table(scores=(0.0,) * 4)), [sign(1.0, 1.0)]
+    above = nadir(6.0)
     small = looks(things, tables, above, 200)
     halved = looks(things, tables, above, 200, camera=wide, smallest_m=0.9)
     whole = looks(things, tables, above, 200, camera=wide)

@@ -1,31 +1,35 @@
-"""Pictures from low altitudes are given to the detector at half of their size, or a quarter.
+"""Pictures from low altitudes are given to the detector at half of their size, or less.
 
 A detector misses what spans more pixels than it learned from, and a small picture takes less time.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import cv2
 import numpy as np
 
-from skysweep.geometry.camera import Lens
+from skysweep.scenarios.model import CameraModel, DetectorModel
 from skysweep.types import Detections, Detector, Frame
 
 LEAST_SIDE_PX = 640  # of a halved picture's longer side
 
 
-def halved_below_m(lens: Lens, smallest_m: float, above_px: float) -> tuple[float, ...]:
-    """Heights below which pictures are halved once, twice and so on, highest first.
+def halved_below_m(camera: CameraModel, detector: DetectorModel, smallest_m: float) -> tuple[float, ...]:
+    """Heights below which a model that takes any size gets pictures halved once, twice and so on.
 
-    A picture is halved while the smallest target, which spans ``smallest_m`` from above, spans more than
-    ``above_px`` in it.
+    The highest comes first. A picture is halved while the smallest target, of ``smallest_m``, is longer than
+    ``detector.halve_above_px`` in its middle, over level ground. What is looked at in tiles is not halved.
     """
+    lens, depression_rad = camera.lens, -camera.gimbal.pitch_rad
     most = max(lens.width_px, lens.height_px) // LEAST_SIDE_PX
-    once_m = lens.focal_px * smallest_m / above_px
-    return tuple(once_m / 2**k for k in range(most.bit_length() - 1)) if once_m > 0.0 else ()
+    once_m = lens.focal_px * smallest_m / detector.halve_above_px * math.sin(depression_rad)
+    if detector.tiles > 1 or once_m <= 0.0:
+        return ()
+    return tuple(once_m / 2**k for k in range(most.bit_length() - 1))
 
 
 def n_halvings(below_m: Sequence[float], height_agl_m: float) -> int:

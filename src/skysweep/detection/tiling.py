@@ -50,6 +50,11 @@ def cut_copies(
     return copies
 
 
+def takes_any_size(fixed_hw: FixedSides) -> bool:
+    """Whether a model gets pictures as large as they are."""
+    return fixed_hw == (None, None)
+
+
 def input_hw_for(fixed_hw: FixedSides, picture_hw: tuple[int, int]) -> tuple[int, int]:
     """An input's (height, width): the model's own, else the picture's rounded up to whole strides.
 

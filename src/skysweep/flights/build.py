@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ from skysweep.detection.halving import HalvingDetector, halved_below_m
 from skysweep.detection.layouts import Told
 from skysweep.detection.model_files import existing_model_file
 from skysweep.detection.model_trial import try_out
+from skysweep.detection.tiling import takes_any_size
 from skysweep.errors import UserError
 from skysweep.flights.rig import Rig
 from skysweep.geometry.camera import CameraMotion, CameraPose
@@ -68,7 +70,7 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
             seed,
             model_for(scenario),
             rig.unit,
-            scenario.smallest_extent_m,
+            scenario.smallest_size_m,
         )
     else:
         from skysweep.sensing.camera_watch import CameraWatch
@@ -83,7 +85,8 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
             CameraWatch(obstacles, camera_model.kind),
         )
     waypoints, yaw_rad = plan.waypoints_xy_enu_m, yaw_from_heading(plan.heading_deg)
-    context = MissionContext.of(scenario, waypoints, yaw_rad, obstacles, spec.parameters_of(search))
+    as_seen = scenario if rig.detector is None else _with_whole_pictures(scenario)
+    context = MissionContext.of(as_seen, waypoints, yaw_rad, obstacles, spec.parameters_of(search))
     needs_model = spec.needs_sensor_model or rig.sensor == "statistical"
     caveat = context.sensor_model.beyond_calibration(scenario) if needs_model else ""
     if rig.sensor == "statistical":
@@ -110,6 +113,12 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
         regain=getattr(vehicle, "regain", None),
         following=Following(plan.transects, plan.profiles, scenario.vehicle.climb_speed_mps),
     )
+
+
+def _with_whole_pictures(scenario: Scenario) -> Scenario:
+    """One whose pictures are not halved: a detector that is given gets them as they are."""
+    whole = scenario.detector.model_copy(update={"halve_above_px": math.inf})
+    return scenario.model_copy(update={"detector": whole})
 
 
 def _stand_ins(world: World, context: MissionContext) -> str:
@@ -197,7 +206,6 @@ def make_detector(scenario: Scenario, threads: int) -> Detector:
     for entry in entry_points(group="skysweep.detectors", name=d.model):
         made: Detector = entry.load()(scenario)
         return made
-    below_m = halved_below_m(scenario.camera.lens, scenario.smallest_extent_m, d.halve_above_px)
     found = YoloDetector(
         d.model,
         scenario.target_classes,
@@ -209,4 +217,7 @@ def make_detector(scenario: Scenario, threads: int) -> Detector:
         pixels=d.pixels,
         channels=d.channels,
     )
-    return HalvingDetector(found, below_m, build_terrain(scenario).height_at_m) if below_m else found
+    below_m = halved_below_m(scenario.camera, d, scenario.smallest_size_m)
+    if not below_m or not takes_any_size(found.network.fixed_hw):
+        return found
+    return HalvingDetector(found, below_m, build_terrain(scenario).height_at_m)

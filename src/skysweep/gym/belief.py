@@ -97,7 +97,7 @@ def chances_of_look(scenario: Scenario) -> tuple[F64, F64]:
 
 
 def _view_of(model: StatisticalModel, scenario: Scenario) -> View:
-    return model.view_of(scenario.camera, scenario.detector, scenario.smallest_extent_m)
+    return model.view_of(scenario.camera, scenario.detector, scenario.smallest_size_m)
 
 
 def _scan_pixels(model: StatisticalModel, kind: KindModel, scenario: Scenario) -> float:

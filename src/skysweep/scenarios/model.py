@@ -35,7 +35,7 @@ MAX_CORNERS = 10_000  # of an area
 MAX_FENCE_CORNERS = 1000
 MAX_TREES, MAX_BUILDINGS, MAX_OBJECTS = 50_000, 5000, 5000
 MAX_HOVER_H = 48.0
-HALVE_ABOVE_PX = 48.0  # beyond which the shipped detector sees persons better at half of the size
+HALVE_ABOVE_PX = 128.0  # beyond which the shipped detector sees persons better at half of the size
 MAX_WAITING_PX = 300_000_000  # of pictures between exposure and answer
 GIMBAL_PITCH_DEG = (-90.0, 45.0)  # limits, above the horizon
 DOWN_WITHIN_DEG = 1.0  # of straight down
@@ -622,8 +622,8 @@ class DetectorModel(Model):
         HALVE_ABOVE_PX,
         gt=0,
         allow_inf_nan=True,
-        description="Give the model a picture of 1280 pixels or more at half of its size while the smallest "
-        "target, seen straight down, spans more than this; .inf: never",
+        description="Give a model that takes any size a picture of 1280 pixels or more at half of its size "
+        "while the smallest target is longer than this in it; .inf: never",
     )
     boxes: Literal["pixels", "normalised"] | None = Field(
         None, description="What the model's boxes are measured in, where its file leaves that open"
@@ -639,11 +639,22 @@ class DetectorModel(Model):
         description="YAML file of 'skysweep calibrate', to fly without pictures; default: the shipped one",
     )
 
+    @field_validator("halve_above_px", mode="before")
+    @classmethod
+    def _no_truth(cls, value: Any) -> Any:
+        return _number_or_inf(value)
+
     @model_serializer(mode="wrap")
     def _without_what_is_open(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """A scenario that leaves them open has the same keys as before there were these fields."""
         open_so = {"boxes": None, "pixels": None, "channels": None, "halve_above_px": HALVE_ABOVE_PX}
         return {k: v for k, v in write(self).items() if k not in open_so or v != open_so[k]}
+
+
+def _number_or_inf(value: Any) -> Any:
+    if isinstance(value, bool):
+        raise ValueError("write a number > 0, or .inf")
+    return value
 
 
 PositiveOrInf = Annotated[float, Field(gt=0, allow_inf_nan=True)]
@@ -691,9 +702,7 @@ class Search(Model):
     @field_validator("n_c", "d_c_m", mode="before")
     @classmethod
     def _no_truth(cls, value: Any) -> Any:
-        if isinstance(value, bool):
-            raise ValueError("write a number > 0, or .inf")
-        return value
+        return _number_or_inf(value)
 
     @field_validator("n_c", "d_c_m")
     @classmethod
@@ -1068,6 +1077,11 @@ class Scenario(Model):
     def smallest_extent_m(self) -> float:
         """What the smallest target spans in its pose, seen straight down."""
         return min(SHARE_FROM_ABOVE.get(pose, 1.0) * size_m for _, pose, size_m in self._searched())
+
+    @property
+    def smallest_size_m(self) -> float:
+        """That of the smallest target."""
+        return min(size_m for _, _, size_m in self._searched())
 
     @property
     def target_poses(self) -> dict[str, tuple[str, ...]]:

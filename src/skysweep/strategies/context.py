@@ -90,7 +90,7 @@ class MissionContext:
             obstacles,
             keep_m(scenario),
             load,
-            lambda: load().view_of(camera, scenario.detector, scenario.smallest_extent_m),
+            lambda: load().view_of(camera, scenario.detector, scenario.smallest_size_m),
             lambda: known_occluders(scenario, obstacles.terrain),
             lambda cells_across, max_cells: SearchedArea(scenario, load(), cells_across, max_cells),
             parameters,

@@ -182,7 +182,7 @@ def look_around(job: WorldJob) -> Tally:
     renderer = make_renderer(view.world)
     expose = exposing(camera, renderer, int(rng.integers(2**31)))
     detector = make_detector(scenario, threads=1)
-    seen_as = job.model.view_of(camera, scenario.detector, scenario.smallest_extent_m)
+    seen_as = job.model.view_of(camera, scenario.detector, scenario.smallest_size_m)
     tally, seen = Tally(), set[tuple[int, int]]()
     looks: list[tuple[CameraPose, F64, int]] = []
     for number in range(job.n_pictures):

@@ -79,8 +79,8 @@ class SearchedCells:
 
     ``centres_enu_m`` (R, C, 3) are on the ground, by row from south to north; ``wanted`` (R, C) are the cells
     that count; ``solids`` those of ``worlds.occlusion``, which cast their shadows in the ``light``;
-    ``sizes_m`` and ``poses`` those of each searched class, of which the smallest spans ``smallest_m`` from
-    above. Raises UserError where the model does not know one of the classes.
+    ``sizes_m`` and ``poses`` those of each searched class, of which the smallest is ``smallest_m``. Raises
+    UserError where the model does not know one of the classes.
     """
 
     def __init__(

@@ -41,7 +41,7 @@ from skysweep.worlds.occlusion import is_behind_a_hill, pixels_on_target, visibl
 Record = Any  # of SENSOR
 
 _N_FACTORS = len(FACTORS)
-TABLES = 5  # of a row
+TABLES = 8  # of a row
 WIDTH = _N_FACTORS + 5  # columns of a row after them
 OCTAVES = 10  # of altitude, from 1 m on; ghosts of one are not those of the next
 MIN_DEPTH_M = 0.1
@@ -346,8 +346,9 @@ def _draw_thing(
             thing.contrast,
             company[t] - _is_company(s, tile, thing.size, u, v, depth),
         )
+        of_lapses = 5 if thing.beside > 0.0 or thing.shade > 0.0 or clear < 1.0 else 2
         for r in range(thing.rows[0], thing.rows[1]):
-            mean, spread, own_lapse, aspect_lapse, lapse = _interpolate(log_pixels, table[r], at)
+            mean, spread, own_lapse, aspect_lapse, lapse = _interpolate(log_pixels, table[r], at, of_lapses)
             own = table[r, TABLES * g :]
             if own[_N_FACTORS + 3] < own_lapse or aspects[r, 1] < aspect_lapse:
                 continue
@@ -478,8 +479,11 @@ def _at(x: float, grid: F64, values: F64) -> float:
 
 
 @njit(cache=True)
-def _interpolate(grid: F64, row: F64, at: float) -> tuple[float, float, float, float, float]:
-    """The tables at a log of pixels: linear between the nodes, constant beyond."""
+def _interpolate(grid: F64, row: F64, at: float, of_lapses: int) -> tuple[float, float, float, float, float]:
+    """Tables at a log of pixels: score, spread and the three ``of_lapses`` on.
+
+    They are linear between the nodes and constant beyond.
+    """
     g = len(grid)
     k = 0
     while k < g - 2 and at > grid[k + 1]:
@@ -487,9 +491,10 @@ def _interpolate(grid: F64, row: F64, at: float) -> tuple[float, float, float, f
     w = min(max((at - grid[k]) / (grid[k + 1] - grid[k]), 0.0), 1.0)
     mean = row[k] + w * (row[k + 1] - row[k])
     spread = row[g + k] + w * (row[g + k + 1] - row[g + k])
-    own = row[2 * g + k] + w * (row[2 * g + k + 1] - row[2 * g + k])
-    of_aspect = row[3 * g + k] + w * (row[3 * g + k + 1] - row[3 * g + k])
-    return mean, spread, own, of_aspect, row[4 * g + k] + w * (row[4 * g + k + 1] - row[4 * g + k])
+    k += of_lapses * g
+    own = row[k] + w * (row[k + 1] - row[k])
+    of_aspect = row[g + k] + w * (row[g + k + 1] - row[g + k])
+    return mean, spread, own, of_aspect, row[2 * g + k] + w * (row[2 * g + k + 1] - row[2 * g + k])
 
 
 @njit(cache=True)

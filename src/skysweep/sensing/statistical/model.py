@@ -76,7 +76,7 @@ class KindModel(_Part):
         description="Over the grid: share of looks not reported whatever the score, in the open"
     )
     lapse_among: list[Annotated[float, Field(ge=0, lt=1)]] = Field(
-        description="The same where trees stand beside it, shade it or hide it"
+        description="The same beside a crown, in the shade, or partly hidden"
     )
     view: float
     front: float
@@ -121,7 +121,7 @@ class KindModel(_Part):
     def lapses(self, is_among: bool) -> tuple[NDArray[np.float64], ...]:
         """(G,) chances of a lapse that is the object's own; else, of the aspect; else, of the look alone.
 
-        ``is_among`` trees there are more than in the open.
+        ``is_among`` trees and buildings there are more than in the open.
         """
         lapse = np.array(self.lapse_among if is_among else self.lapse)
         own = self.lapse_object_share * lapse
@@ -334,8 +334,8 @@ class StatisticalModel(_Part):
     def view_of(self, camera: CameraModel, detector: DetectorModel, smallest_m: float = 0.0) -> View:
         """How the detector sees a camera's pictures.
 
-        ``smallest_m`` is what the smallest target spans from above: pictures that it spans too much of are
-        halved. Raises UserError if the detector's file cannot be read.
+        ``smallest_m`` is the size of the smallest target: pictures in which it is too large are halved; with
+        0 none is. Raises UserError if the detector's file cannot be read.
         """
         return View.of(camera, detector, self.camera.lens, smallest_m)
 
@@ -396,7 +396,7 @@ class StatisticalModel(_Part):
         Beyond its tables the model repeats their ends.
         """
         search, smallest_m = scenario.search, scenario.smallest_extent_m
-        view = self.view_of(scenario.camera, scenario.detector, smallest_m)
+        view = self.view_of(scenario.camera, scenario.detector, scenario.smallest_size_m)
         h_s, h_c = search.scan_altitude_agl_m, search.check_altitude_agl_m
         in_scan, in_check = (view.at(h).pixels_on_target(smallest_m, h) for h in (h_s, h_c))
         cm = [100.0 * h / self.camera.lens.focal_px for b in self.background for h in b.altitude_agl_m]

@@ -30,7 +30,7 @@ class PosedSensor:
             classes,
             seed,
             model,
-            smallest_m=scenario.smallest_extent_m,
+            smallest_m=scenario.smallest_size_m,
         )
 
     def detect(self, pose: CameraPose, velocity_enu_mps: F64) -> Detections:

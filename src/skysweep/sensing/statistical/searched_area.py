@@ -56,7 +56,7 @@ class SearchedArea:
             model,
             scenario.target_sizes_m,
             scenario.target_poses,
-            scenario.smallest_extent_m,
+            scenario.smallest_size_m,
         )
 
 

@@ -52,8 +52,8 @@ class StatisticalSensor:
     """Draws detections instead of rendering pictures. Implements ``types.Sensor``.
 
     ``eye`` knows the camera's true pose; ``classes`` are those that the mission searches for. Each of several
-    sensors in one world is another ``unit``, with its own draws of the same objects. ``smallest_m`` is what
-    the smallest target spans from above; with 0 no picture is halved for the detector.
+    sensors in one world is another ``unit``, with its own draws of the same objects. ``smallest_m`` is the
+    size of the smallest target; with 0 no picture is halved for the detector.
     """
 
     def __init__(
@@ -180,16 +180,15 @@ class StatisticalSensor:
                 continue
             surface, first_row = world.terrain.surface_at(*thing.position_enu_m[:2].tolist()), len(rows)
             beside, shade = occluders.around(middle_enu_m(thing), thing.size_m)
-            is_among = beside or shade > 0.0
             for kind in kinds:
                 reported_as = list(classes).index(kind.reported_as)
                 offset = own[reported_as] * np.sqrt(kind.object_share)
                 rest = max(1.0 - kind.object_share - kind.aspect_share, 0.0)
                 shares = np.sqrt([kind.aspect_share, rest])
-                lapses = ndtri(np.clip(kind.lapses(is_among), 1e-9, 1.0)).ravel()
+                lapses = ndtri(np.clip([kind.lapses(is_among) for is_among in (False, True)], 1e-9, 1.0))
                 score = kind.scores(surface, octaves)
                 luck_of_row = offset, *shares, own_lapse[reported_as], kind.fade_rad
-                rows.append([*score, *kind.spread, *lapses, *kind.factors, *luck_of_row])
+                rows.append([*score, *kind.spread, *lapses.ravel(), *kind.factors, *luck_of_row])
                 self._row_names.append(kind.reported_as)
             looks_so = shape_of(thing), beside, shade, self._contrast(thing, surface, colour)
             if thing.track is not None:

@@ -96,7 +96,7 @@ def lateral_range(
     """
     search, camera, model = scenario.search, scenario.camera, model_for(scenario)
     lens = camera.lens
-    whole = model.view_of(camera, scenario.detector, scenario.smallest_extent_m)
+    whole = model.view_of(camera, scenario.detector, scenario.smallest_size_m)
     view = whole.at(height_m)
     step_m = search.scan_speed_mps / min(scenario.detector.rate_hz, camera.rate_hz)
     along_m = lens.footprint_m(height_m)[1]

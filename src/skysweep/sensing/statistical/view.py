@@ -17,7 +17,7 @@ from skysweep.arrays import F64
 from skysweep.detection.halving import halved_below_m, n_halvings
 from skysweep.detection.layouts import Told
 from skysweep.detection.model_files import existing_model_file, sha256_of
-from skysweep.detection.tiling import FixedSides, fitting_scale, input_hw_for, tiles_px
+from skysweep.detection.tiling import FixedSides, fitting_scale, input_hw_for, takes_any_size, tiles_px
 from skysweep.geometry.camera import Lens
 from skysweep.scenarios.model import CameraModel, DetectorModel
 
@@ -44,10 +44,12 @@ class View(NamedTuple):
     ) -> View:
         """The view of this camera by a detector that was calibrated, untiled, with that lens.
 
-        ``smallest_m`` is what the smallest target spans from above; with 0 no picture is halved. Raises
-        UserError where the size of the detector's input is asked for and its file cannot be read.
+        ``smallest_m`` is the size of the smallest target; with 0 no picture is halved. Raises UserError where
+        the size of the detector's input is asked for and its file cannot be read.
         """
-        below_m = halved_below_m(camera.lens, smallest_m, detector.halve_above_px)
+        below_m = halved_below_m(camera, detector, smallest_m)
+        if below_m and not takes_any_size(_fixed_hw_of(detector)):
+            below_m = ()
         whole, *halved = (
             cls._of_halved(camera, detector, calibrated, halvings) for halvings in range(1 + len(below_m))
         )
@@ -82,11 +84,14 @@ class View(NamedTuple):
 
 def _input_scale(detector: DetectorModel, size_px: Size, tiles: int) -> float:
     """The pixels of the detector's input for one of a picture of this size."""
+    left, top, right, bottom = tiles_px(*size_px, tiles)[0]
+    return fitting_scale((bottom - top, right - left), input_hw_for(_fixed_hw_of(detector), size_px[::-1]))
+
+
+def _fixed_hw_of(detector: DetectorModel) -> FixedSides:
     path = existing_model_file(detector.model)
     told = Told(detector.boxes, detector.pixels, detector.channels)
-    fixed_hw = _fixed_hw(str(path), sha256_of(path), told)
-    left, top, right, bottom = tiles_px(*size_px, tiles)[0]
-    return fitting_scale((bottom - top, right - left), input_hw_for(fixed_hw, size_px[::-1]))
+    return _fixed_hw(str(path), sha256_of(path), told)
 
 
 @lru_cache(maxsize=16)

@@ -45,6 +45,7 @@ from skysweep.sensing.statistical.luck import (
     update,
 )
 from skysweep.sensing.statistical.model import BackgroundModel, KindModel, StatisticalModel, score_of
+from skysweep.sensing.statistical.view import View
 from skysweep.strategies.belief.parameters import BeliefParameters
 from skysweep.strategies.context import MissionContext
 from skysweep.worlds.occlusion import FLAT, SHAPES, STANDING, pixels_on_target
@@ -97,6 +98,7 @@ class Hypotheses:
         self._ghost = _Ghost(model, class_name)
         self._lapse_floors = parameters.lapse, parameters.lapse + parameters.lapse_in_woods
         self._context, self._size_m = context, context.sizes_m[class_name][1]
+        self._occluders = context.occluders
         self._around: dict[tuple[int, int], tuple[float, float]] = {}
         reported = self._reported(context, weights)
         self._log_prior = np.log(weights / reported)
@@ -171,7 +173,7 @@ class Hypotheses:
         around: tuple[float, float],
     ) -> float:
         height_m = float(camera.position_enu_m[2] - place_enu_m[2])
-        view = self._view.at(height_m)
+        view = self._view_from(camera)
         return _look(
             belief,
             self._tables,
@@ -193,13 +195,19 @@ class Hypotheses:
             *around,
         )
 
+    def _view_from(self, camera: CameraPose) -> View:
+        if not self._view.below_m:
+            return self._view
+        x, y, z = camera.position_enu_m.tolist()
+        return self._view.at(z - self._context.ground_at_m((x, y)))
+
     def _surroundings(self, place_enu_m: F64) -> tuple[float, float]:
         """Whether (0 or 1) a target there is beside a crown, and what share of it is in the shade."""
-        x, y, z = place_enu_m.tolist()
-        near = round(x / _AROUND_M), round(y / _AROUND_M)
+        near = round(place_enu_m[0] / _AROUND_M), round(place_enu_m[1] / _AROUND_M)
         if near not in self._around:
-            place = np.array([near[0] * _AROUND_M, near[1] * _AROUND_M, z])
-            beside, shade = self._context.occluders.around(place, self._size_m)
+            x, y = near[0] * _AROUND_M, near[1] * _AROUND_M
+            place = np.array([x, y, self._context.ground_at_m((x, y))])
+            beside, shade = self._occluders.around(place, self._size_m)
             self._around[near] = float(beside), shade
         return self._around[near]
 
@@ -209,7 +217,6 @@ class Hypotheses:
         The Chernoff bound of the error between each target and each other hypothesis, weighted by both.
         ``nothing`` is the share of those candidates that are no targets.
         """
-        height_m = float(camera.position_enu_m[2] - place_enu_m[2])
         return float(
             _confusion(
                 belief,
@@ -220,7 +227,7 @@ class Hypotheses:
                 camera.position_enu_m,
                 camera.R_camera_to_enu,
                 place_enu_m,
-                self._view.at(height_m).focal_px,
+                self._view_from(camera).focal_px,
                 self._fade_scale,
                 self._threshold,
                 nothing,
