@@ -789,3 +789,16 @@ def test_each_object_counts_on_the_ground_below_it():
     for x, shift in ((-3.0, -0.6), (3.0, 0.0)):
         found = looks([sign(x)], tables, true, surface=replace(FLAT, cover=cover))
         assert_rate(sum(map(len, found)), LOOKS, chance(shift))
+
+
+def test_what_stands_among_trees_lapses_as_often_as_was_measured_there():
+    tables = model(table(scores=(4.0,) * 4, lapse=0.0, lapse_among=0.3))
+    high = nadir(height_for(60.0))
+    tree = WorldTree(np.array([2.0, 0.0, 0.0]), 3.0, 1.4, "bush", 0)
+    at_night = Light(sun_elevation_deg=-10.0)
+    alone = looks([sign()], tables, high, light=at_night)
+    beside = looks([sign()], tables, high, light=at_night, trees=[tree])
+    assert sum(map(len, alone)) == LOOKS
+    assert_rate(sum(map(len, beside)), LOOKS, 0.7)
+    measured = StatisticalModel.load()
+    assert all(k.lapse_among[4] > 1.5 * k.lapse[4] for k in measured.kinds if k.kind == k.reported_as)

@@ -96,7 +96,7 @@ class Hypotheses:
         own_var = self._numbers[:, _OBJECT_SHARE] * spreads**2 + self._numbers[:, _UNSURE] ** 2
         self._own_std = np.append(np.sqrt(own_var), 1.0)
         self._ghost = _Ghost(model, class_name)
-        self._lapse_floors = parameters.lapse, parameters.lapse + parameters.lapse_in_woods
+        self._lapse_floor = parameters.lapse
         self._context, self._size_m = context, context.sizes_m[class_name][1]
         self._occluders = context.occluders
         self._around: dict[tuple[int, int], tuple[float, float]] = {}
@@ -186,7 +186,7 @@ class Hypotheses:
             self._fade_scale,
             math.nan if score is None else score,
             self._threshold,
-            self._lapse_floors[around != _IN_THE_OPEN],
+            self._lapse_floor,
             self._ghost.at(max(height_m * view.as_high, 1.0)),
             self._is_target,
             widened,

@@ -32,10 +32,9 @@ class BeliefParameters(Model):
         0.2, gt=0, lt=1, description="Prior share of the other candidates that are nothing at all"
     )
     model_std: float = Field(
-        0.1, ge=0, description="Standard deviation of the sensor model's own error, in scores"
+        0.2, ge=0, description="Standard deviation of the sensor model's own error, in scores"
     )
-    lapse: float = Field(0.03, gt=0, lt=1, description="Least share of looks that miss whatever the score")
-    lapse_in_woods: float = Field(0.1, ge=0, lt=1, description="Added to it beside trees and in the shade")
+    lapse: float = Field(0.1, gt=0, lt=1, description="Least share of looks that miss whatever the score")
     check_speed_mps: float = Field(5.0, gt=0, le=20, description="Speed between candidates")
     n_missing: int | None = Field(
         None, ge=1, le=10000, description="How many are missing, where that is known"
