@@ -25,7 +25,7 @@ ROUNDED = 0.02  # of log odds, by the journal's four digits of a probability
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("explained") / "run"
     scenario = load_scenario("maritime").with_search(strategy="belief")
-    fly_to_folder(scenario, 6, folder, Rig("statistical"))
+    fly_to_folder(scenario, 5, folder, Rig("statistical"))
     return folder
 
 

@@ -74,8 +74,8 @@ def test_low_scores_speak_for_a_target_in_the_shade_of_a_tree():
         return target - nothing
 
     for score in (None, -0.3):
-        assert evidence_at(shadow, score) > evidence_at((150.0, 150.0), score) + 0.1
-    assert evidence_at((101.0, 100.0), None) > evidence_at((150.0, 150.0), None) + 0.1, "beside the crown"
+        assert evidence_at(shadow, score) > evidence_at((150.0, 150.0), score) + 0.02
+    assert evidence_at((101.0, 100.0), None) > evidence_at((150.0, 150.0), None) + 0.02, "beside the crown"
 
 
 def test_what_a_scan_seldom_reports_counts_for_more_once_it_was():
