@@ -677,10 +677,12 @@ class Guard:
         if self._last is not None:
             t0, (x0, y0, z0), (vx0, vy0, vz0) = self._last
             step_s = state.time_s - t0
-            mean_s = 0.5 * step_s
-            jump = x - x0 - mean_s * (vx + vx0), y - y0 - mean_s * (vy + vy0), z - z0 - mean_s * (vz + vz0)
-            aside_m = max(0.0, math.hypot(*jump[:2]) - _strays_m(step_s, self._fastest_mps))
-            up_or_down_m = max(0.0, abs(jump[2]) - _strays_m(step_s, self._fastest_up_mps))
+            u, v, w = 0.5 * (vx + vx0), 0.5 * (vy + vy0), 0.5 * (vz + vz0)
+            jump = x - x0 - step_s * u, y - y0 - step_s * v, z - z0 - step_s * w
+            aside_m = max(
+                0.0, math.hypot(*jump[:2]) - _strays_m(step_s, self._fastest_mps + math.hypot(u, v))
+            )
+            up_or_down_m = max(0.0, abs(jump[2]) - _strays_m(step_s, self._fastest_up_mps + abs(w)))
             least_m = 0.5 * self._limits.position_jump_m
             if math.hypot(aside_m, up_or_down_m) > least_m:
                 east_m, north_m, up_m = self._jumped_m
@@ -692,7 +694,8 @@ class Guard:
 def _strays_m(step_s: float, fastest_mps: float) -> float:
     """How far a vehicle may get, in a gap of the link, from where its mean velocity leads.
 
-    It speeds up and slows down again, up to its top speed.
+    It speeds up and slows down again, up to its top speed, which is ``fastest_mps`` past what moves on at
+    that velocity.
     """
     if step_s <= _LONGEST_STEP_S:
         return 0.0
