@@ -53,6 +53,7 @@ class Suspects:
     def __init__(self, context: MissionContext, parameters: BeliefParameters) -> None:
         self._context, self._parameters = context, parameters
         self._hypotheses: dict[str, Hypotheses] = {}
+        context.occluders.around(np.zeros(3), 1.0)  # known and compiled now, not in flight
         self._looks: list[Look] = []  # so far, or since the flight was resumed
         self._eyes, self._Rs = np.empty((0, 3)), np.empty((0, 3, 3))  # of these, with room for more
         self.all: dict[int, Suspect] = {}
