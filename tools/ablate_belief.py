@@ -72,6 +72,7 @@ ABLATIONS: dict[str, list[Callable[[], Any]]] = {
     "nothing": [],
     "what looks have in common": [lambda: patch.object(Hypotheses, "__init__", independent)],
     "what a scan does not report": [lambda: patch.object(Hypotheses, "_reported", all_reported)],
+    "where false reports are dense": [lambda: patch.object(Hypotheses, "clutter", lambda *_: 0.0)],
     "learning what share is what": [lambda: patch.object(Suspects, "_learn", keep_the_shares)],
     "learning how targets look": [
         lambda: patch.object(Fit, "learn_shift", lambda *_: False),

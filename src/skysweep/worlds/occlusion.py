@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import shapely
 from numba import njit
 
 from skysweep.arrays import F64, I64
@@ -101,11 +102,20 @@ class Occluders:
 
     def is_beside_a_crown(self, place_enu_m: F64, size_m: float) -> bool:
         """Whether a crown's edge is closer to the middle of an object than its size."""
+        away_m, radii_m = self.crowns_near(place_enu_m, size_m)
+        return bool((away_m <= radii_m + size_m).any())
+
+    def crowns_near(self, place_enu_m: F64, within_m: float) -> tuple[F64, F64]:
+        """Distances (N,) to the axes of crowns of which an edge is so near, maybe of more; radii (N,)."""
         x, y = place_enu_m[:2].tolist()
-        s = self.solids[self._around(x, y, x, y, size_m)]
+        s = self.solids[self._around(x, y, x, y, within_m)]
         s = s[s[:, 10] == 0.0]
-        away = np.hypot(s[:, 0] - x, s[:, 1] - y)
-        return bool((away <= s[:, 9] + size_m).any())
+        return np.hypot(s[:, 0] - x, s[:, 1] - y), s[:, 9]
+
+    def crowns_in(self, area_enu_m: shapely.Polygon) -> int:
+        """How many trees stand in an area."""
+        crowns = self.solids[self.solids[:, 10] == 0.0]
+        return int(shapely.contains_xy(area_enu_m, crowns[:, :2]).sum())
 
     def visible_fraction(self, camera_enu_m: F64, thing: WorldObject) -> float:
         """Share (0..1) of nine points of the object that the camera sees."""

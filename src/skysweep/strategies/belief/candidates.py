@@ -26,7 +26,7 @@ _UNSURE_M = 0.7  # of a candidate's place: nearer to an edge of the picture a mi
 _SAME_STD_M = 0.8  # of a place seen in a hard manoeuvre, beside the tracker's covariance
 _SAME_FAR_M = 20.0
 _OF_ONE = 0.6  # of its length: nearer to each other two boxes of one picture may be of one thing
-_PLAIN = ("id", "class_name", "evidence", "n_looks", "in_view")  # of a suspect, kept as they are
+_PLAIN = ("id", "class_name", "clutter", "evidence", "n_looks", "in_view")  # of a suspect, kept as they are
 _SAME_GATE = 6.0  # 95 % of a chi-squared variable with 2 degrees of freedom
 
 
@@ -37,7 +37,8 @@ class Suspect:
     id: int
     class_name: str
     belief: F64
-    likely: tuple[float, float, float] = (0.0, 0.0, 0.0)  # log likelihood of all looks, in that order
+    clutter: float = 0.0  # log of the density of false reports at its place, over its mean
+    likely: tuple[float, float, float] = (0.0, 0.0, 0.0)  # log likelihood of all that, in that order
     evidence: float = 0.0  # log likelihood ratio of all looks: a target against anything else
     shift: tuple[float, float] = (0.0, 0.0)  # what it says of the shift, if it is a target: sum and weight
     n_looks: int = 0  # that told something of it
@@ -69,10 +70,10 @@ class Suspects:
             self._hypotheses[class_name] = Hypotheses(self._context, class_name, self._parameters)
         return self._hypotheses[class_name]
 
-    @property
-    def nothing(self) -> float:
-        """Share of the candidates that are no targets where nothing is."""
+    def nothing(self, candidate_id: int) -> float:
+        """How probably nothing is at a candidate's place, before any look, if it is no target."""
         _, thing, nothing = self._shares.tolist()
+        nothing *= math.exp(self.all[candidate_id].clutter)
         return float(nothing / (thing + nothing))
 
     @property
@@ -121,6 +122,7 @@ class Suspects:
     def _weigh(self, suspect: Suspect) -> None:
         hypotheses = self.hypotheses(suspect.class_name)
         target, thing, nothing, total, weight = hypotheses.evidence(suspect.belief, self.fit.shift)
+        nothing += suspect.clutter
         suspect.likely, suspect.shift = (target, thing, nothing), (total, weight)
         shares = self._shares[1:] / self._shares[1:].sum()
         suspect.evidence = _against(target, thing, nothing, shares[0], shares[1])
@@ -248,6 +250,7 @@ class Suspects:
             self.fit.learn_spread(self.probability(suspect.id), surprise)
         suspect.account.look(float(look.camera.position_enu_m[2] - place[2]), confidence)
         suspect.n_looks += 1
+        suspect.clutter = self.hypotheses(suspect.class_name).clutter(place)
         self._weigh(suspect)
 
     def snapshot(self) -> dict[str, Any]:

@@ -61,6 +61,9 @@ _OBJECT_SHARE, _ASPECT_SHARE, _FADE, _LAPSE_OBJECT_SHARE, _LAPSE_ASPECT_SHARE = 
 _BESIDE, _SHADE = range(11, 13)
 _IN_THE_OPEN = 0.0, 0.0  # beside a crown (0 or 1), share in the shade
 _AROUND_M = 0.5  # places so near to each other have the same surroundings
+_UP_A_TREE_M = 2.0  # standard deviation of where a report on a tree is placed, beside its crown's width
+_CLUTTER_LEAST = 1e-3  # of the mean
+_HECTARE_M2 = 1e4
 
 
 class Hypotheses:
@@ -95,11 +98,12 @@ class Hypotheses:
         spreads = self._tables[:, len(model.pixels) : 2 * len(model.pixels)].mean(axis=1)
         own_var = self._numbers[:, _OBJECT_SHARE] * spreads**2 + self._numbers[:, _UNSURE] ** 2
         self._own_std = np.append(np.sqrt(own_var), 1.0)
-        self._ghost = _Ghost(model, class_name)
+        self._ghost = _Ghost(context, model, class_name)
         self._lapse_floor = parameters.lapse
         self._context, self._size_m = context, context.sizes_m[class_name][1]
         self._occluders = context.occluders
         self._around: dict[tuple[int, int], tuple[float, float]] = {}
+        self._clutter: dict[tuple[int, int], float] = {}
         reported = self._reported(context, weights)
         self._log_prior = np.log(weights / reported)
         self.reported = float(reported[0])  # probability that a passing of the scan reports a target
@@ -203,13 +207,22 @@ class Hypotheses:
 
     def _surroundings(self, place_enu_m: F64) -> tuple[float, float]:
         """Whether (0 or 1) a target there is beside a crown, and what share of it is in the shade."""
-        near = round(place_enu_m[0] / _AROUND_M), round(place_enu_m[1] / _AROUND_M)
+        near = _near(place_enu_m)
         if near not in self._around:
-            x, y = near[0] * _AROUND_M, near[1] * _AROUND_M
-            place = np.array([x, y, self._context.ground_at_m((x, y))])
-            beside, shade = self._occluders.around(place, self._size_m)
+            beside, shade = self._occluders.around(self._place(near), self._size_m)
             self._around[near] = float(beside), shade
         return self._around[near]
+
+    def clutter(self, place_enu_m: F64) -> float:
+        """Log of the density of false reports of nothing there, over its mean in the area."""
+        near = _near(place_enu_m)
+        if near not in self._clutter:
+            self._clutter[near] = self._ghost.clutter(self._place(near))
+        return self._clutter[near]
+
+    def _place(self, near: tuple[int, int]) -> F64:
+        x, y = near[0] * _AROUND_M, near[1] * _AROUND_M
+        return np.array([x, y, self._context.ground_at_m((x, y))])
 
     def confusion(self, belief: F64, camera: CameraPose, place_enu_m: F64, nothing: float) -> float:
         """Share of today's doubt, 0..1, that looks from there would leave.
@@ -237,23 +250,54 @@ class Hypotheses:
 
 
 class _Ghost:
-    """Reports where nothing is: mean and spread of their scores by altitude, and the chance of another.
+    """Reports where nothing is: where, their scores by altitude, and the chance of another.
 
     The altitude is that from which the calibrated camera's pixels show as much ground.
     """
 
-    def __init__(self, model: StatisticalModel, class_name: str) -> None:
+    def __init__(self, context: MissionContext, model: StatisticalModel, class_name: str) -> None:
         self._floor = float(score_of(model.experiment.confidence_floor))
+        self._occluders = context.occluders
         found = [b for b in model.background if b.reported_as == class_name]
         self._model: BackgroundModel | None = found[0] if found else None
+        if self._model is not None:
+            scan_m = context.search.scan_altitude_agl_m * context.sensor_view.as_high
+            of_ground = self._model.surfaces.get(context.surface, 1.0)
+            self._per_hectare = of_ground * self._at(scan_m, self._model.per_hectare)
+            self._per_tree = self._at(scan_m, self._model.per_tree)
+            trees = self._occluders.crowns_in(context.area_enu_m)
+            self._mean = self._per_hectare + self._per_tree * trees / (context.area_enu_m.area / _HECTARE_M2)
 
     def at(self, altitude_agl_m: float) -> F64:
         """(4,): mean and spread of the score, chance of no report, share that is its own."""
         if self._model is None:
             return np.array([self._floor + 0.3, 0.5, 0.5, 0.3])
         m = self._model
-        scale = float(np.interp(math.log(altitude_agl_m), np.log(m.altitude_agl_m), m.score_scale))
+        scale = self._at(altitude_agl_m, m.score_scale)
         return np.array([self._floor + scale, max(scale, 0.1), 1.0 - m.again, m.same_share])
+
+    def clutter(self, place_enu_m: F64) -> float:
+        """Log of their density at a place (3,) from the scan's altitude, over its mean in the area.
+
+        A tree's are spread normally around it, as wide as its crown and the error of a place that is
+        projected to the ground from somewhere up a tree.
+        """
+        if self._model is None or self._mean <= 0.0:
+            return 0.0
+        away_m, radii_m = self._occluders.crowns_near(place_enu_m, 3.0 * _UP_A_TREE_M)
+        var_m2 = (0.5 * radii_m) ** 2 + _UP_A_TREE_M**2
+        per_m2 = np.exp(-0.5 * away_m**2 / var_m2) / (2.0 * math.pi * var_m2)
+        here = self._per_hectare + self._per_tree * _HECTARE_M2 * float(per_m2.sum())
+        return math.log(max(here / self._mean, _CLUTTER_LEAST))
+
+    def _at(self, altitude_agl_m: float, over_altitude: list[float]) -> float:
+        assert self._model is not None
+        grid = np.log(self._model.altitude_agl_m)
+        return float(np.interp(math.log(altitude_agl_m), grid, over_altitude))
+
+
+def _near(place_enu_m: F64) -> tuple[int, int]:
+    return round(place_enu_m[0] / _AROUND_M), round(place_enu_m[1] / _AROUND_M)
 
 
 def _rows(

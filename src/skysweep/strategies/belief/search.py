@@ -405,7 +405,7 @@ class BeliefSearch:
         return self._checks.height_m(
             self._suspects.hypotheses(suspect.class_name),
             suspect.belief,
-            self._suspects.nothing,
+            self._suspects.nothing(k),
             0.0 if p >= self._p.confirm_probability else doubt_s,
             seen.candidates[k].position_enu_m,
             math.dist(seen.vehicle.position_enu_m[:2].tolist(), self._xy(seen, k)),
@@ -419,7 +419,7 @@ class BeliefSearch:
         return self._checks.look_costs_s(
             self._suspects.hypotheses(suspect.class_name),
             suspect.belief,
-            self._suspects.nothing,
+            self._suspects.nothing(k),
             self._loss_s(k),
             seen.candidates[k].position_enu_m,
             math.dist((x, y), self._xy(seen, k)),
@@ -480,7 +480,7 @@ class BeliefSearch:
         return self._checks.next_view(
             self._suspects.hypotheses(suspect.class_name),
             suspect.belief,
-            self._suspects.nothing,
+            self._suspects.nothing(goal.id),
             self._loss_s(goal.id),
             seen.candidates[goal.id].position_enu_m,
             seen.vehicle.position_enu_m,
