@@ -48,9 +48,9 @@ def test_a_shift_weighs_as_another_mean_of_the_offset_would():
     belief = signs.fresh()
     for _ in range(6):
         signs.look(belief, above(12.0), PLACE, 1.75, widened=1.0, others=0)
-    usual, _, _, total, weight = signs.evidence(belief, 0.0)
+    usual, _, _, total, weight = signs.evidence(belief, np.zeros(3), 0.0)
     assert total < 0.0 < weight
-    assert signs.evidence(belief, -0.3)[0] > usual > signs.evidence(belief, 0.3)[0]
+    assert signs.evidence(belief, np.zeros(3), -0.3)[0] > usual > signs.evidence(belief, np.zeros(3), 0.3)[0]
 
 
 @pytest.fixture

@@ -36,7 +36,7 @@ def after(looks, hypotheses=SIGNS):
 
 def evidence(looks):
     """Log likelihood ratio of looks: a target, or nine other things and one that is nothing."""
-    target, thing, nothing, *_ = SIGNS.evidence(after(looks), shift=0.0)
+    target, thing, nothing, *_ = SIGNS.evidence(after(looks), np.zeros(3), shift=0.0)
     return target - np.logaddexp(thing + math.log(0.9), nothing + math.log(0.1))
 
 
@@ -45,11 +45,11 @@ def test_a_miss_through_leaves_counts_by_how_probably_it_would_have_shown_someth
         belief = SIGNS.fresh()
         for _ in range(3):
             SIGNS.look(belief, above(6.0), PLACE, None, widened=1.0, others=0, shown=shown)
-        target, _, nothing, *_ = SIGNS.evidence(belief, shift=0.0)
+        target, _, nothing, *_ = SIGNS.evidence(belief, np.zeros(3), shift=0.0)
         return target - nothing
 
     before = after_misses(0.0)
-    target, _, nothing, *_ = SIGNS.evidence(SIGNS.fresh(), shift=0.0)
+    target, _, nothing, *_ = SIGNS.evidence(SIGNS.fresh(), np.zeros(3), shift=0.0)
     assert before == pytest.approx(target - nothing), "what shows nothing tells nothing"
     odds = [after_misses(shown) - before for shown in (0.2, 0.6, 1.0)]
     assert -2.0 < odds[0] < -0.1
@@ -68,14 +68,31 @@ def test_low_scores_speak_for_a_target_in_the_shade_of_a_tree():
     def evidence_at(place, score):
         belief = persons.fresh()
         for _ in range(2):
-            eye = CameraPose(np.array([*place, 24.0]), DOWN)
+            eye = CameraPose(np.array([*place, 12.0]), DOWN)
             persons.look(belief, eye, np.array([*place, 0.0]), score, widened=1.0, others=0)
-        target, _, nothing, *_ = persons.evidence(belief, shift=0.0)
-        return target - nothing
+        place_enu_m = np.array([*place, 0.0])
+        target, _, nothing, *_ = persons.evidence(belief, place_enu_m, shift=0.0)
+        return target - nothing + persons.clutter(place_enu_m)
 
     for score in (None, -0.3):
         assert evidence_at(shadow, score) > evidence_at((150.0, 150.0), score) + 0.02
     assert evidence_at((101.0, 100.0), None) > evidence_at((150.0, 150.0), None) + 0.02, "beside the crown"
+
+
+def test_false_reports_are_as_dense_as_the_trees():
+    """A candidate on a tree is nothing more often than one in the open; without trees all are alike."""
+    tree = {"position_enu_m": [100.0, 100.0], "height_m": 12.0, "crown_radius_m": 3.0}
+    plain = load_scenario("person-wilderness").model_dump() | {"forests": []}
+    trees = [tree | {"position_enu_m": [100.0 + 9.0 * k, 100.0]} for k in range(10)]
+
+    def clutter(east_m, **more):
+        scenario = Scenario.model_validate(plain | more)
+        persons = Hypotheses(context_of(scenario=scenario), "person", BeliefParameters())
+        return persons.clutter(np.array([east_m, 100.0, 0.0]))
+
+    assert clutter(100.0, trees=trees) > 1.0 > 0.0 > clutter(60.0, trees=trees)
+    assert clutter(100.0, trees=trees[:1]) > clutter(103.0, trees=trees[:1]) > clutter(60.0, trees=trees[:1])
+    assert clutter(100.0, trees=[]) == clutter(60.0, trees=[]) == pytest.approx(0.0)
 
 
 def test_what_a_scan_seldom_reports_counts_for_more_once_it_was():
@@ -84,7 +101,7 @@ def test_what_a_scan_seldom_reports_counts_for_more_once_it_was():
     def likely(speed_mps):
         context = context_of(scan_speed_mps=speed_mps)
         signs = Hypotheses(context, "stop sign", BeliefParameters())
-        target, thing, nothing, *_ = signs.evidence(signs.fresh(), shift=0.0)
+        target, thing, nothing, *_ = signs.evidence(signs.fresh(), np.zeros(3), shift=0.0)
         return target, thing, nothing
 
     slow, fast = likely(2.0), likely(8.0)

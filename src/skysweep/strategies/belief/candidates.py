@@ -26,7 +26,7 @@ _UNSURE_M = 0.7  # of a candidate's place: nearer to an edge of the picture a mi
 _SAME_STD_M = 0.8  # of a place seen in a hard manoeuvre, beside the tracker's covariance
 _SAME_FAR_M = 20.0
 _OF_ONE = 0.6  # of its length: nearer to each other two boxes of one picture may be of one thing
-_PLAIN = ("id", "class_name", "clutter", "evidence", "n_looks", "in_view")  # of a suspect, kept as they are
+_PLAIN = ("id", "class_name", "evidence", "n_looks", "in_view")  # of a suspect, kept as they are
 _SAME_GATE = 6.0  # 95 % of a chi-squared variable with 2 degrees of freedom
 
 
@@ -37,8 +37,8 @@ class Suspect:
     id: int
     class_name: str
     belief: F64
-    clutter: float = 0.0  # log of the density of false reports at its place, over its mean
-    likely: tuple[float, float, float] = (0.0, 0.0, 0.0)  # log likelihood of all that, in that order
+    place_enu_m: F64  # (3,)
+    likely: tuple[float, float, float] = (0.0, 0.0, 0.0)  # log likelihood of place and looks, in that order
     evidence: float = 0.0  # log likelihood ratio of all looks: a target against anything else
     shift: tuple[float, float] = (0.0, 0.0)  # what it says of the shift, if it is a target: sum and weight
     n_looks: int = 0  # that told something of it
@@ -73,7 +73,8 @@ class Suspects:
     def nothing(self, candidate_id: int) -> float:
         """How probably nothing is at a candidate's place, before any look, if it is no target."""
         _, thing, nothing = self._shares.tolist()
-        nothing *= math.exp(self.all[candidate_id].clutter)
+        suspect = self.all[candidate_id]
+        nothing *= math.exp(self.hypotheses(suspect.class_name).clutter(suspect.place_enu_m))
         return float(nothing / (thing + nothing))
 
     @property
@@ -121,8 +122,8 @@ class Suspects:
 
     def _weigh(self, suspect: Suspect) -> None:
         hypotheses = self.hypotheses(suspect.class_name)
-        target, thing, nothing, total, weight = hypotheses.evidence(suspect.belief, self.fit.shift)
-        nothing += suspect.clutter
+        place, shift = suspect.place_enu_m, self.fit.shift
+        target, thing, nothing, total, weight = hypotheses.evidence(suspect.belief, place, shift)
         suspect.likely, suspect.shift = (target, thing, nothing), (total, weight)
         shares = self._shares[1:] / self._shares[1:].sum()
         suspect.evidence = _against(target, thing, nothing, shares[0], shares[1])
@@ -134,8 +135,8 @@ class Suspects:
         new = [k for k in hits if k not in self.all]
         for k in hits:
             if k in new:
-                class_name = candidates[k].class_name
-                self.all[k] = Suspect(k, class_name, self.hypotheses(class_name).fresh())
+                class_name, place = candidates[k].class_name, candidates[k].position_enu_m
+                self.all[k] = Suspect(k, class_name, self.hypotheses(class_name).fresh(), place)
                 self._recall(self.all[k], candidates, look.lens)
             self.all[k].distinct |= {j for j in hits if self._are_apart(hits[j], hits[k], candidates)}
         self._remember(look)
@@ -250,7 +251,7 @@ class Suspects:
             self.fit.learn_spread(self.probability(suspect.id), surprise)
         suspect.account.look(float(look.camera.position_enu_m[2] - place[2]), confidence)
         suspect.n_looks += 1
-        suspect.clutter = self.hypotheses(suspect.class_name).clutter(place)
+        suspect.place_enu_m = place
         self._weigh(suspect)
 
     def snapshot(self) -> dict[str, Any]:
@@ -263,6 +264,7 @@ class Suspects:
                     **{name: getattr(s, name) for name in _PLAIN},
                     "belief": [[None if math.isnan(x) else x for x in row] for row in s.belief.tolist()],
                     "lowest_m": s.lowest_m if math.isfinite(s.lowest_m) else None,
+                    "place_enu_m": s.place_enu_m.tolist(),
                     "distinct": sorted(s.distinct),
                     "likely": list(s.likely),
                     "shift": list(s.shift),
@@ -281,6 +283,7 @@ class Suspects:
                 **{name: s[name] for name in _PLAIN},
                 belief=np.array(s["belief"], dtype=float),
                 lowest_m=math.inf if s["lowest_m"] is None else s["lowest_m"],
+                place_enu_m=np.array(s["place_enu_m"], dtype=float),
                 distinct=set(s["distinct"]),
                 likely=(s["likely"][0], s["likely"][1], s["likely"][2]),
                 shift=(s["shift"][0], s["shift"][1]),

@@ -63,6 +63,9 @@ _IN_THE_OPEN = 0.0, 0.0  # beside a crown (0 or 1), share in the shade
 _AROUND_M = 0.5  # places so near to each other have the same surroundings
 _UP_A_TREE_M = 2.0  # standard deviation of where a report on a tree is placed, beside its crown's width
 _CLUTTER_LEAST = 1e-3  # of the mean
+_AMONG_TREES_STD = (
+    0.6  # of scores beside a crown or in the shade: leaves and light differ
+)
 _HECTARE_M2 = 1e4
 
 
@@ -135,13 +138,17 @@ class Hypotheses:
         belief[:, WEIGHT] = self._log_prior
         return belief
 
-    def evidence(self, belief: F64, shift: float) -> tuple[float, float, float, float, float]:
+    def evidence(
+        self, belief: F64, place_enu_m: F64, shift: float
+    ) -> tuple[float, float, float, float, float]:
         """Log likelihoods of all looks (a target, another thing, nothing), and what they tell of the shift.
 
         ``shift`` is by how much targets here score higher than the model says. Told of it are the sum and the
         weight of a mean: its best value, if this is a target, is their quotient.
         """
-        return _evidence(belief, self._is_target, self._own_std, shift)
+        own_std = np.hypot(self._own_std, _unsure_there(*self._surroundings(place_enu_m)))
+        target, thing, nothing, total, weight = _evidence(belief, self._is_target, own_std, shift)
+        return target, thing, nothing + self.clutter(place_enu_m), total, weight
 
     def look(
         self,
@@ -399,6 +406,12 @@ def _expect(
 
 
 @njit(cache=True)
+def _unsure_there(beside: float, shade: float) -> float:
+    """By how much a target's score there may differ from the model's mean, the same in every look."""
+    return _AMONG_TREES_STD if beside > 0.0 or shade > 0.0 else 0.0
+
+
+@njit(cache=True)
 def _sight(eye: F64, place: F64) -> tuple[float, float, float]:
     """The direction from a place to the eye, of length 1."""
     x, y, z = eye[0] - place[0], eye[1] - place[1], eye[2] - place[2]
@@ -425,11 +438,14 @@ def _confusion(
 ) -> float:
     n = len(tables)
     means, variances = np.empty(n + 1), np.empty(n + 1)
+    unsure_there = _unsure_there(beside, shade)
     expected, sight = np.empty(4), _sight(eye, place)
     for i in range(n):
         _expect(expected, tables[i], numbers[i], log_pixels, eye, R, place, focal, beside, shade)
         spread, b = expected[2], belief[i]
         own = math.sqrt(numbers[i, _OBJECT_SHARE] * spread * spread + numbers[i, _UNSURE] ** 2)
+        if is_target[i]:
+            own = math.hypot(own, unsure_there)
         left = kept_since(b, expected[0], sight, numbers[i, _FADE], fade_scale)
         common = math.sqrt(numbers[i, _ASPECT_SHARE]) * spread
         means[i] = max(expected[1] + own * b[OWN] + common * left * b[ASPECT], threshold - 0.5)
@@ -474,6 +490,7 @@ def _look(
     n = len(tables)
     expected, seen, sight = np.empty(4), np.empty(N_STATES), _sight(eye, place)
     surprise, likely, where_nothing_is = 0.0, 1e-300, 1.0
+    unsure_there = _unsure_there(beside, shade)
     for k in range(n + 1):
         i = k - 1 if k else n  # nothing at all comes first
         b = belief[i]
@@ -489,6 +506,7 @@ def _look(
             lapse_aspect = of_model * numbers[i, _LAPSE_ASPECT_SHARE]
             if is_target[i]:
                 spread *= widened
+                unsure = math.hypot(unsure, unsure_there)
         else:
             lapse_object = lapse_aspect = 0.0
             pixels, mean, spread, lapse = 1.0, ghost[0], ghost[1], ghost[2]
