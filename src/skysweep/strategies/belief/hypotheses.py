@@ -63,9 +63,7 @@ _IN_THE_OPEN = 0.0, 0.0  # beside a crown (0 or 1), share in the shade
 _AROUND_M = 0.5  # places so near to each other have the same surroundings
 _UP_A_TREE_M = 2.0  # standard deviation of where a report on a tree is placed, beside its crown's width
 _CLUTTER_LEAST = 1e-3  # of the mean
-_AMONG_TREES_STD = (
-    0.6  # of scores beside a crown or in the shade: leaves and light differ
-)
+_AMONG_TREES_STD = 0.6  # of scores beside a crown or in the shade: leaves and light differ
 _HECTARE_M2 = 1e4
 
 
