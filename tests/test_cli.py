@@ -53,6 +53,13 @@ def test_run_says_its_finds_as_plain_lines(tmp_path, scenario):
     assert "found" not in result.stdout
 
 
+@pytest.mark.parametrize("words", [["--out", ""], ["--out="]])
+def test_an_empty_word_is_no_folder(tmp_path, words):
+    """As ``--out "$OUT"`` gives where the variable is not set."""
+    refused(skysweep("run", "clusters", *words, cwd=tmp_path), "--out", "empty")
+    assert not list(tmp_path.iterdir())
+
+
 def test_run_writes_the_whole_run_folder(tmp_path, scenario):
     out = tmp_path / "run"
     result = skysweep("run", scenario, "--sensor", "statistical", "--seed", 3, "--out", out, cwd=tmp_path)

@@ -321,6 +321,14 @@ def test_a_table_of_a_sweep_without_digests_is_taken_as_it_is_and_gets_them(whol
     subprocess.run(["sha256sum", "--check", "--strict", "SHA256SUMS"], cwd=tmp_path / "out", check=True)
 
 
+@pytest.mark.parametrize("content", ["", "\n", "0123  spec.yaml\n", f"{'0' * 64}  spec.yaml"])
+def test_damaged_digests_are_said_as_what_they_are(whole, tmp_path, content):
+    shutil.copytree(whole, tmp_path / "out")
+    (tmp_path / "out" / "SHA256SUMS").write_text(content)
+    with pytest.raises(UserError, match="SHA256SUMS: is damaged"):
+        sweep(tmp_path / "out")
+
+
 def test_a_mission_and_a_sweep_share_no_folder(whole, tmp_path):
     (tmp_path / "journal.jsonl").write_text("")
     with pytest.raises(UserError, match="holds a mission; write another --out"):

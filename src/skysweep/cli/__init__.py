@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from skysweep import __version__
 from skysweep.cli import (
@@ -31,7 +32,19 @@ from skysweep.cli import (
 )
 from skysweep.cli.common import tell
 
+
+class _Commands(TyperGroup):
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Refuse an empty word: as a path it would be the folder from which the command was given."""
+        for k, word in enumerate(() if ctx.resilient_parsing else args):
+            if not word or (word.startswith("--") and word.find("=") == len(word) - 1):
+                after = f" after {args[k - 1]!r}" if k and not word else word and f": {word!r}"
+                ctx.fail(f"a word of the command is empty{after}; a shell variable in it may not be set")
+        return super().parse_args(ctx, args)
+
+
 app = typer.Typer(
+    cls=_Commands,
     no_args_is_help=True,
     rich_markup_mode="markdown",
     context_settings={"help_option_names": ["-h", "--help"]},

@@ -33,11 +33,11 @@ def dump_sums(sums: Sums) -> bytes:
 def read_sums(content: bytes, where: str) -> Sums:
     """The digests in ``SHA256SUMS``. Raises UserError where it is damaged."""
     *lines, rest = content.decode("utf-8", "replace").split("\n")
+    found = [_LINE.fullmatch(line) for line in lines]
+    if rest or not found or None in found:
+        raise UserError(f"{where}: is damaged; restore the original, or fly into another folder")
     sums: dict[str, frozenset[str]] = {}
-    for line in lines:
-        match = _LINE.fullmatch(line)
-        if match is None or rest:
-            raise UserError(f"{where}: is damaged; restore the original, or fly into another folder")
+    for match in filter(None, found):
         sums[match[2]] = sums.get(match[2], frozenset()) | {match[1]}
     return sums
 

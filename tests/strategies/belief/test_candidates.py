@@ -14,11 +14,11 @@ LENS = Lens(640, 360, 1.4)
 PLACE, FAR_M = np.array([10.0, 20.0, 0.0]), 80.0
 
 
-def look(time_s, away_m, height_m, confidence=None, candidate_id=1, place=PLACE):
+def look(time_s, away_m, height_m, confidence=None, candidate_id=1, place=PLACE, is_cut=False):
     """From east of the place; with a confidence, one that finds a sign there."""
     camera = CameraPose(PLACE + np.array([away_m, 0.0, height_m]), DOWN)
-    hit = Sighting(candidate_id, False, time_s, place, confidence, height_m) if confidence else None
-    return Look(time_s, camera, LENS, (hit,) if hit else ())
+    hit = Sighting(candidate_id, False, time_s, place, confidence, height_m, is_cut=is_cut)
+    return Look(time_s, camera, LENS, (hit,) if confidence else ())
 
 
 def candidate(candidate_id=1, place=PLACE):
@@ -49,6 +49,17 @@ def test_of_what_may_move_only_the_looks_of_this_passing_count():
     new = believed([LATE], target_speed_mps=0.5)
     assert believed([*EARLY, ELSEWHERE, LATE], target_speed_mps=0.5) == pytest.approx(new, rel=1e-9)
     assert believed([*EARLY, LATE], target_speed_mps=0.5) < 0.5 * new
+
+
+def test_looks_need_not_report_what_only_an_edge_of_the_picture_cut():
+    """What it scored where it was cut tells nothing; once a look shows it whole, it is as found by that."""
+    cut, surer = (look(0.0, 0.0, 30.0, confidence, is_cut=True) for confidence in (0.5, 0.9))
+    whole, missed = look(1.0, 0.0, 30.0, 0.5), look(2.0, 0.0, 30.0)
+    assert believed([cut]) == pytest.approx(BeliefParameters().target_share, abs=0.01)
+    assert believed([surer]) == believed([cut])
+    assert believed([cut, missed]) == pytest.approx(believed([whole, missed]), rel=0.5)
+    for looks in ([cut, whole], [whole, cut]):
+        assert believed(looks) == pytest.approx(believed([whole]), rel=0.01)
 
 
 @pytest.mark.parametrize(("apart_m", "may_be_same"), [(0.4, True), (0.8, False)])

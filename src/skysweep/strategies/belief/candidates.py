@@ -26,7 +26,7 @@ _UNSURE_M = 0.7  # of a candidate's place: nearer to an edge of the picture a mi
 _SAME_STD_M = 0.8  # of a place seen in a hard manoeuvre, beside the tracker's covariance
 _SAME_FAR_M = 20.0
 _OF_ONE = 0.6  # of its length: nearer to each other two boxes of one picture may be of one thing
-_PLAIN = ("id", "class_name", "evidence", "n_looks", "in_view")  # of a suspect, kept as they are
+_PLAIN = ("id", "class_name", "evidence", "n_looks", "in_view", "only_cut")  # of a suspect, kept as they are
 _SAME_GATE = 6.0  # 95 % of a chi-squared variable with 2 degrees of freedom
 
 
@@ -44,6 +44,7 @@ class Suspect:
     n_looks: int = 0  # that told something of it
     lowest_m: float = math.inf  # height above it of the lowest look that found it
     in_view: bool = False  # of the newest look
+    only_cut: bool = False  # every report of it was cut by the picture's edge
     distinct: set[int] = field(default_factory=set)  # others found in the same look
     account: Account = field(default_factory=Account)
 
@@ -122,8 +123,9 @@ class Suspects:
 
     def _weigh(self, suspect: Suspect) -> None:
         hypotheses = self.hypotheses(suspect.class_name)
-        place, shift = suspect.place_enu_m, self.fit.shift
-        target, thing, nothing, total, weight = hypotheses.evidence(suspect.belief, place, shift)
+        target, thing, nothing, total, weight = hypotheses.evidence(
+            suspect.belief, suspect.place_enu_m, self.fit.shift, suspect.only_cut
+        )
         suspect.likely, suspect.shift = (target, thing, nothing), (total, weight)
         shares = self._shares[1:] / self._shares[1:].sum()
         suspect.evidence = _against(target, thing, nothing, shares[0], shares[1])
@@ -136,8 +138,10 @@ class Suspects:
         for k in hits:
             if k in new:
                 class_name, place = candidates[k].class_name, candidates[k].position_enu_m
-                self.all[k] = Suspect(k, class_name, self.hypotheses(class_name).fresh(), place)
+                fresh = self.hypotheses(class_name).fresh()
+                self.all[k] = Suspect(k, class_name, fresh, place, only_cut=hits[k].is_cut)
                 self._recall(self.all[k], candidates, look.lens)
+                self._weigh(self.all[k])
             self.all[k].distinct |= {j for j in hits if self._are_apart(hits[j], hits[k], candidates)}
         self._remember(look)
         open_ = [s for k, s in self.all.items() if k not in settled]
@@ -158,6 +162,7 @@ class Suspects:
             hit, others = hits.get(suspect.id), n_in_view - is_in_view
             if hit is not None:
                 suspect.lowest_m = min(suspect.lowest_m, hit.camera_altitude_agl_m)
+                suspect.only_cut &= hit.is_cut
                 if not hit.is_cut:
                     self._update(suspect, look, place, hit.confidence, others)
             elif is_whole and not self._is_told(suspect, list(hits), candidates):

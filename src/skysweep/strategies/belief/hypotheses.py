@@ -107,6 +107,7 @@ class Hypotheses:
         self._clutter: dict[tuple[int, int], float] = {}
         reported = self._reported(context, weights)
         self._log_prior = np.log(weights / reported)
+        self._log_reported = np.log([*(reported[group].max() for group in self._groups), reported[-1]])
         self.reported = float(reported[0])  # probability that a passing of the scan reports a target
 
     def _reported(self, context: MissionContext, weights: F64) -> F64:
@@ -124,11 +125,16 @@ class Hypotheses:
             camera = CameraPose(np.array([*(offset_m * R[:2, 1]), height_m]), R)
             self._weigh(missed, camera, np.zeros(3), None, 1.0, 0, 1.0, _IN_THE_OPEN)
         reported = np.maximum(1.0 - np.exp(missed[:, WEIGHT]), _REPORTED_LEAST)
-        is_thing = ~self._is_target
-        is_thing[-1] = False
-        for group in (self._is_target, is_thing):
+        for group in self._groups:
             reported[group] = weights[group] @ reported[group]
         return reported
+
+    @property
+    def _groups(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which hypotheses (H + 1,) are of targets, and which of other things."""
+        is_thing = ~self._is_target
+        is_thing[-1] = False
+        return self._is_target, is_thing
 
     def fresh(self) -> F64:
         """The belief of a candidate that nobody has looked at: (H + 1, N_STATES)."""
@@ -137,15 +143,19 @@ class Hypotheses:
         return belief
 
     def evidence(
-        self, belief: F64, place_enu_m: F64, shift: float
+        self, belief: F64, place_enu_m: F64, shift: float, only_cut: bool = False
     ) -> tuple[float, float, float, float, float]:
-        """Log likelihoods of all looks (a target, another thing, nothing), and what they tell of the shift.
+        """Log likelihoods of place and looks (a target, another thing, nothing), and what tells of the shift.
 
         ``shift`` is by how much targets here score higher than the model says. Told of it are the sum and the
-        weight of a mean: its best value, if this is a target, is their quotient.
+        weight of a mean: its best value, if this is a target, is their quotient. ``only_cut`` says that an
+        edge of the picture cut every report: those are no looks of the ``belief``, so that these need not
+        have reported it.
         """
         own_std = np.hypot(self._own_std, _unsure_there(*self._surroundings(place_enu_m)))
         target, thing, nothing, total, weight = _evidence(belief, self._is_target, own_std, shift)
+        if only_cut:
+            target, thing, nothing = (np.array([target, thing, nothing]) + self._log_reported).tolist()
         return target, thing, nothing + self.clutter(place_enu_m), total, weight
 
     def look(
@@ -266,7 +276,8 @@ class _Ghost:
         found = [b for b in model.background if b.reported_as == class_name]
         self._model: BackgroundModel | None = found[0] if found else None
         if self._model is not None:
-            scan_m = context.search.scan_altitude_agl_m * context.sensor_view.as_high
+            scan_m = context.search.scan_altitude_agl_m
+            scan_m *= context.sensor_view.at(scan_m).as_high
             of_ground = self._model.surfaces.get(context.surface, 1.0)
             self._per_hectare = of_ground * self._at(scan_m, self._model.per_hectare)
             self._per_tree = self._at(scan_m, self._model.per_tree)
