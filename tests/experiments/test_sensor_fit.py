@@ -293,10 +293,12 @@ def test_background_rates_and_scores_follow_altitude(shape):
     hectares = altitudes**2 * 1e-4
     surface = rng.integers(0, 2, 4000)
     counts = rng.poisson(hectares * np.where(altitudes > 20, 0.5, 5.0) * np.where(surface == 0, 0.2, 1.0))
-    trees = rng.poisson(20.0 * hectares)
+    trees, cut_trees = rng.poisson(20.0 * hectares), rng.poisson(5.0 * hectares)
     on_trees = rng.poisson(trees * np.where(altitudes > 20, 0.01, 0.1))
-    of_tree = np.repeat([False, True], [counts.sum(), on_trees.sum()])
-    of_report = np.repeat(np.tile(np.arange(4000), 2), [*counts, *on_trees])
+    on_cut = rng.poisson(cut_trees * 0.05)
+    sums = [counts.sum(), on_trees.sum(), on_cut.sum()]
+    of_tree, is_cut = np.repeat([False, True, True], sums), np.repeat([False, False, True], sums)
+    of_report = np.repeat(np.tile(np.arange(4000), 3), [*counts, *on_trees, *on_cut])
     n = len(of_report)
     scores = score_of(CONFIDENCE_FLOOR) + 0.6 * rng.weibull(shape, n) / gamma(1 + 1 / shape)
     seen = Background(
@@ -305,12 +307,14 @@ def test_background_rates_and_scores_follow_altitude(shape):
         world=np.arange(4000) // 40,
         surface=surface,
         trees=trees.astype(float),
+        cut_trees=cut_trees.astype(float),
         picture_of_report=of_report,
         class_index=np.full(n, 1),
         confidences=confidence_of(scores),
         pixels=np.full(n, 9.0),
         again=np.where(rng.random(n) < 0.6, confidence_of(scores), 0.0),
         of_tree=of_tree,
+        is_cut=is_cut,
     )
     fitted = fit_background(seen, 1)
     assert fitted.reported_as == CLASSES[1]
@@ -320,6 +324,7 @@ def test_background_rates_and_scores_follow_altitude(shape):
     assert fitted.surfaces[SURFACES[0]] / fitted.surfaces[SURFACES[1]] == pytest.approx(0.2, rel=0.3)
     assert fitted.per_tree[-1] == pytest.approx(0.01, rel=0.4)
     assert fitted.per_tree[1] > 0.03
+    assert fitted.per_cut_tree[2:] == pytest.approx([0.05] * 4, rel=0.4)
     assert fitted.score_scale == pytest.approx([0.6] * len(ALTITUDES_M), abs=0.15)
     assert fitted.score_shape == pytest.approx(shape, abs=0.15)
     assert fitted.again == pytest.approx(0.6, abs=0.05)

@@ -459,6 +459,7 @@ def background(**other):
         per_hectare=[0.001, 40.0],
         surfaces={"grass": 1.0, "water": 0.1},
         per_tree=[0.0, 0.0],
+        per_cut_tree=[0.0, 0.0],
         score_scale=[0.5, 0.5],
         score_shape=1.0,
         again=0.5,
@@ -505,6 +506,25 @@ def test_background_reports_come_at_their_rate_a_tree():
     ]
     assert np.mean(found) == pytest.approx(3 * 0.6, rel=0.2)
     assert not any(map(len, looks([], tables, nadir(31.9), 200, minimum=0.101)))
+    assert not any(map(len, looks([], tables, nadir(8.0), 200, minimum=0.101, trees=trees)))
+
+
+def test_background_reports_of_trees_that_an_edge_cuts_come_at_their_rate_at_that_edge():
+    """One crown of four is cut by the right edge of the picture, one by the upper edge."""
+    east_m, north_m = np.array(LENS.footprint_m(31.4)) / 2.0
+    places = [(east_m + 0.3, 3.0), (2.0, north_m - 0.3), (0.0, 0.0), (east_m + 4.0, 0.0)]
+    trees = [WorldTree(np.array([*place, 0.0]), 1.0, 1.5, "broadleaf", 0) for place in places]
+    tables = model(table(), background=[background(per_hectare=[0.0, 0.0], per_cut_tree=[0.0, 0.6])])
+    found = [
+        d.boxes_xyxy_px
+        for seed in range(200)
+        for d in looks([], tables, nadir(31.9), 50, minimum=0.101, seed=seed, trees=trees)
+    ]
+    boxes = np.concatenate(found)
+    at_right, at_top = boxes[:, 2] == 640.0, boxes[:, 1] == 0.0
+    assert at_right.sum() / len(found) == pytest.approx(0.6, rel=0.25)
+    assert at_top.sum() / len(found) == pytest.approx(0.6, rel=0.25)
+    assert (at_right | at_top).all()
     assert not any(map(len, looks([], tables, nadir(8.0), 200, minimum=0.101, trees=trees)))
 
 

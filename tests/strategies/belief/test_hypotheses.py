@@ -95,6 +95,16 @@ def test_false_reports_are_as_dense_as_the_trees():
     assert clutter(100.0, trees=[]) == clutter(60.0, trees=[]) == pytest.approx(0.0)
 
 
+def test_of_crowns_an_edge_of_the_picture_cuts_more_than_of_targets():
+    """What only an edge reported is nothing more readily on a tree, and as readily in the open."""
+    trees = [{"position_enu_m": [100.0, 100.0], "height_m": 12.0, "crown_radius_m": 3.0}]
+    plain = load_scenario("person-wilderness").model_dump() | {"forests": [], "trees": trees}
+    persons = Hypotheses(context_of(scenario=Scenario.model_validate(plain)), "person", BeliefParameters())
+    on_it, in_the_open = np.array([100.0, 100.0, 0.0]), np.array([60.0, 100.0, 0.0])
+    assert persons.clutter(on_it, only_cut=True) > persons.clutter(on_it) + 0.5
+    assert persons.clutter(in_the_open, only_cut=True) == pytest.approx(persons.clutter(in_the_open))
+
+
 def test_what_a_scan_seldom_reports_counts_for_more_once_it_was():
     """A target is reported in any case; of look-alikes fewer are, the faster the scan flies."""
 

@@ -247,7 +247,9 @@ def background_reports(fitted: BackgroundModel, model: StatisticalModel, seen: B
     strong = np.exp(-((excess / scale) ** fitted.score_shape))
     on = np.array([fitted.surfaces[name] for name in SURFACES])[seen.surface]
     of_ground = seen.hectares * np.interp(at, grid, fitted.per_hectare) * on
-    return np.asarray(strong * (of_ground + seen.trees * np.interp(at, grid, fitted.per_tree)))
+    of_trees = seen.trees * np.interp(at, grid, fitted.per_tree)
+    of_cut_trees = seen.cut_trees * np.interp(at, grid, fitted.per_cut_tree)
+    return np.asarray(strong * (of_ground + of_trees + of_cut_trees))
 
 
 def taken_for_targets(model: StatisticalModel, kind: str) -> tuple[F64, F64]:

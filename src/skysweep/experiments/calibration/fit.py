@@ -330,7 +330,8 @@ def fit_background(seen: Background, class_index: int) -> BackgroundModel | None
     """Reports of one class on no object, from the lowest altitude up; None where there are too few.
 
     The rates per hectare and per tree are Poisson, smoothed and log-linear over log altitude. A factor for
-    the surface multiplies the first; it is drawn towards 1 where little was seen. Scores over the floor
+    the surface multiplies the first; it is drawn towards 1 where little was seen. Of a tree that an edge of
+    the picture cuts, reports that the edge cuts have a rate of their own. Scores over the floor
     follow a Weibull distribution, whose mean is log-linear over log altitude too. Repeated reports in one
     world count as one finding: all likelihoods are divided by the mean number of reports of the worlds that
     have any (quasi-likelihood: Wedderburn, Biometrika 61, 1974).
@@ -346,9 +347,11 @@ def fit_background(seen: Background, class_index: int) -> BackgroundModel | None
     surfaces, none = np.eye(len(SURFACES))[seen.surface], np.zeros((len(high), 0))
     hectares, trees = np.where(high, seen.hectares, 0.0), np.where(high, seen.trees, 0.0)
     rates, factors = _rates(hectares, altitude, surfaces, pictures[~of_tree], seen.world)
-    per_tree = np.zeros(len(ALTITUDES_M))
-    if trees.any():
-        per_tree, _ = _rates(trees, altitude, none, pictures[of_tree], seen.world)
+    per_tree = per_cut_tree = np.zeros(len(ALTITUDES_M))
+    cut_trees, is_cut = np.where(high, seen.cut_trees, 0.0), seen.is_cut[mine]
+    if trees.any() and cut_trees.any():
+        per_tree, _ = _rates(trees, altitude, none, pictures[of_tree & ~is_cut], seen.world)
+        per_cut_tree, _ = _rates(cut_trees, altitude, none, pictures[of_tree & is_cut], seen.world)
     followed = mine & np.isfinite(seen.again)
     again = seen.again[followed]
     repeats = again > 0
@@ -364,6 +367,7 @@ def fit_background(seen: Background, class_index: int) -> BackgroundModel | None
         per_hectare=[float(f"{r:.3g}") for r in rates],
         surfaces={name: float(f"{f:.3g}") for name, f in zip(SURFACES, factors, strict=True)},
         per_tree=[float(f"{r:.3g}") for r in per_tree],
+        per_cut_tree=[float(f"{r:.3g}") for r in per_cut_tree],
         score_scale=scales.round(3).tolist(),
         score_shape=round(_shape(over / (hats @ scales), alike), 3),
         again=round(float((repeats.sum() + 1.0) / (len(again) + 2.0)), 3),

@@ -165,10 +165,10 @@ def _background(
     update: dict[str, object] = {
         "per_hectare": [float(f"{rate * here:.3g}") for rate in fitted.per_hectare],
         "surfaces": dict.fromkeys(fitted.surfaces, 1.0),
-        "per_tree": known.per_tree if known is not None else fitted.per_tree,
     }
     if known is not None:
-        update |= {"again": known.again, "same_share": known.same_share}
+        kept = ("per_tree", "per_cut_tree", "again", "same_share")
+        update |= {name: getattr(known, name) for name in kept}
     return fitted.model_copy(update=update), True
 
 
@@ -295,10 +295,12 @@ def _strays(
         picture.astype(int),
         np.zeros(n, dtype=int),
         np.zeros(n),
+        np.zeros(n),
         row.astype(int),
         class_index.astype(int),
         confidences,
         pixels,
         np.full(len(row), np.nan),
+        np.zeros(len(row), dtype=bool),
         np.zeros(len(row), dtype=bool),
     )

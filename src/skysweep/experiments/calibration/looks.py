@@ -81,6 +81,7 @@ _FAR_M = 400.0
 _LOOK_PERIOD_S = 0.4
 _CONTRAST_MIN_PX = 8.0  # the colour of smaller objects is not measured
 _AGAIN_PX = 12.0  # reports this near to the same place on the ground are of the same thing
+_CUT_WITHIN_PX = 3.0  # so near to an edge of the picture ends a box that it cuts
 _CLEAR_SIZES, _CLEAR_MIN_M = 1.5, 2.0  # background begins this far from every object, beyond its shadow
 
 
@@ -190,13 +191,15 @@ class Background:
     hectares: F64  # (M,) of ground in the picture, away from objects
     world: I64  # (M,)
     surface: I64  # (M,) index into SURFACES
-    trees: F64  # (M,) how many trees and bushes are in the picture
+    trees: F64  # (M,) how many trees and bushes have their middle in the picture
+    cut_trees: F64  # (M,) how many have a crown that an edge of the picture cuts
     picture_of_report: I64  # (K,) row of the M
     class_index: I64  # (K,)
     confidences: F64  # (K,)
     pixels: F64  # (K,) longer side of the box
     again: F64  # (K,) confidence of a report at the same place in the next look; 0 none, NaN no such look
     of_tree: NDArray[np.bool_]  # (K,) it lies on a tree or bush
+    is_cut: NDArray[np.bool_]  # (K,) the box reaches an edge of the picture
 
 
 @dataclass(frozen=True, slots=True)
@@ -470,10 +473,9 @@ class Scorer:
         self._looks: list[tuple[object, ...]] = []
         self._colours: dict[int, list[float]] = {}  # object -> differences to the ground
         self._crowns = Crowns(world, lens)
-        self._pictures: list[tuple[float, float, float]] = []  # altitude in metres, hectares, trees
-        self._strays: list[
-            list[float]
-        ] = []  # class, picture, confidence, pixels, confidence in the next look, 1 on a tree
+        self._pictures: list[tuple[float, float, int, int]] = []  # altitude in m, hectares, trees, cut trees
+        # class, picture, confidence, pixels, confidence in the next look, 1 on a tree, 1 cut by an edge
+        self._strays: list[list[float]] = []
         self._last: list[list[float]] = []  # strays of the last picture: index, ground x, y
 
     def measure_colours(self, renderer: Renderer, clean: U8, pose: CameraPose) -> None:
@@ -578,8 +580,9 @@ class Scorer:
         corners = _on_ground(self._lens, pose, np.array([[0, 0], [size[0], 0], [*size], [0, size[1]]]))
         x, y = corners.T
         area = 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
-        in_sight, on_tree = self._crowns.found(pose, middles)
-        self._pictures.append((height, max(area - covered_m2, 0.05 * area) / 1e4, in_sight))
+        on_tree = self._crowns.lie_on(pose, middles)
+        hectares = max(area - covered_m2, 0.05 * area) / 1e4
+        self._pictures.append((height, hectares, *self._crowns.in_picture(pose)))
         if follows:
             for index, gx, gy in self._last:
                 stray_row = self._strays[int(index)]
@@ -591,20 +594,21 @@ class Scorer:
         self._last = []
         row = len(self._pictures) - 1
         for k in np.flatnonzero(stray):
-            extent = float((found.boxes_xyxy_px[k, 2:] - found.boxes_xyxy_px[k, :2]).max())
+            low, high = found.boxes_xyxy_px[k, :2], found.boxes_xyxy_px[k, 2:]
+            extent, is_cut = float((high - low).max()), np.minimum(low, size - high).min() < _CUT_WITHIN_PX
             ground = _on_ground(self._lens, pose, middles[k : k + 1])[0]
             self._last.append([len(self._strays), *ground])
             reported = float(classes[k]), row, float(found.confidences[k])
-            self._strays.append([*reported, extent, np.nan, float(on_tree[k])])
+            self._strays.append([*reported, extent, np.nan, float(on_tree[k]), float(is_cut)])
 
     def packed(self, job: WorldJob) -> tuple[ScoredLooks, Background]:
         looks = np.array(self._looks, dtype=_LOOK)
         looks["colour"] = [np.mean(self._colours.get(i, [np.nan])) for i in looks["instance"].tolist()]
         looks["instance"] += 1000 * job.index
         looks["world"] = job.index
-        altitude_agl_m, hectares, trees = np.array(self._pictures, dtype=float).reshape(-1, 3).T
-        class_index, picture, *reports = np.array(self._strays, dtype=float).reshape(-1, 6).T
-        confidences, pixels, again, on_tree = reports
+        altitude_agl_m, hectares, trees, cut = np.array(self._pictures, dtype=float).reshape(-1, 4).T
+        class_index, picture, *reports = np.array(self._strays, dtype=float).reshape(-1, 7).T
+        confidences, pixels, again, on_tree, is_cut = reports
         m = len(hectares)
         return ScoredLooks(*(looks[f.name].copy() for f in fields(ScoredLooks))), Background(
             altitude_agl_m,
@@ -612,12 +616,14 @@ class Scorer:
             np.full(m, job.index),
             np.full(m, self._surface),
             trees,
+            cut,
             picture.astype(int),
             class_index.astype(int),
             confidences,
             pixels,
             again,
             on_tree > 0.0,
+            is_cut > 0.0,
         )
 
 
@@ -632,18 +638,26 @@ class Crowns:
         heights_m = np.array([t.height_m for t in trees], dtype=float)
         self._parts = [feet + [0.0, 0.0, 1.0] * (share * heights_m)[:, None] for share in _TREE_PARTS]
 
-    def found(self, pose: CameraPose, places_px: F64) -> tuple[float, NDArray[np.bool_]]:
-        """How many have their middle in the picture, and whether places (N, 2) in it lie on one."""
-        in_sight, is_on = 0.0, np.zeros(len(places_px), dtype=np.bool_)
-        for k, part in enumerate(self._parts):
-            pixels, depths = project(self._lens, pose, part)
-            ahead = depths > 0.1
-            if k == len(self._parts) // 2:
-                in_sight = float((ahead & ((pixels >= 0) & (pixels <= self._size_px)).all(axis=1)).sum())
-            reach = self._lens.focal_px * self._radii_m[ahead] / depths[ahead]
-            gaps = np.linalg.norm(places_px[:, None] - pixels[ahead][None], axis=2)
+    def in_picture(self, pose: CameraPose) -> tuple[int, int]:
+        """How many have their middle in the picture, and of how many an edge of it cuts the crown."""
+        pixels, reach = self._seen(pose, self._parts[len(self._parts) // 2])
+        inside = np.minimum(pixels, self._size_px - pixels).min(axis=1, initial=np.inf)
+        return int((inside >= 0.0).sum()), int((np.abs(inside) < reach).sum())
+
+    def lie_on(self, pose: CameraPose, places_px: F64) -> NDArray[np.bool_]:
+        """Which places (N, 2) in the picture lie on one."""
+        is_on = np.zeros(len(places_px), dtype=np.bool_)
+        for part in self._parts:
+            pixels, reach = self._seen(pose, part)
+            gaps = np.linalg.norm(places_px[:, None] - pixels[None], axis=2)
             is_on |= (gaps <= reach).any(axis=1)
-        return in_sight, is_on
+        return is_on
+
+    def _seen(self, pose: CameraPose, part: F64) -> tuple[F64, F64]:
+        """Where (N, 2) the picture shows a part of those before the camera, and their radii (N,) there."""
+        pixels, depths = project(self._lens, pose, part)
+        ahead = depths > 0.1
+        return pixels[ahead], self._lens.focal_px * self._radii_m[ahead] / depths[ahead]
 
 
 def _on_ground(lens: Lens, pose: CameraPose, pixels: F64) -> F64:

@@ -298,7 +298,7 @@ class _View:
         keys: list[Key] = [(self.things[i], name) for i, name in of_things if inside[i]]
         strays = np.flatnonzero(~near.any(axis=1))
         if with_strays and len(strays):
-            _, on_tree = self._crowns.found(pose, middles[strays])
+            on_tree = self._crowns.lie_on(pose, middles[strays])
             keys += [
                 (TREE if on else GROUND, found.class_names[k])
                 for k, on in zip(strays.tolist(), on_tree.tolist(), strict=True)
@@ -393,7 +393,11 @@ def _with_times(b: BackgroundModel, times: Mapping[Key, Points]) -> BackgroundMo
         factors = np.exp(np.interp(log_altitudes, *times.get((thing, b.reported_as), _NOTHING)))
         return [float(f"{rate * factor:.3g}") for rate, factor in zip(rates, factors, strict=True)]
 
-    update = {"per_hectare": multiplied(b.per_hectare, GROUND), "per_tree": multiplied(b.per_tree, TREE)}
+    update = {
+        "per_hectare": multiplied(b.per_hectare, GROUND),
+        "per_tree": multiplied(b.per_tree, TREE),
+        "per_cut_tree": multiplied(b.per_cut_tree, TREE),
+    }
     return b.model_copy(update=update)
 
 

@@ -62,6 +62,7 @@ SENSOR = np.dtype(
         ("fade_scale", float),
         ("iou_max", float),  # of two boxes of one object
         ("largest", float),  # size of the things, in metres
+        ("farthest_cut", float),  # of the ghosts, in metres
     ]
 )
 THING = np.dtype(  # an object that can be reported
@@ -78,7 +79,8 @@ THING = np.dtype(  # an object that can be reported
     ]
 )
 GHOST = np.dtype(  # a place where something can be reported that is not there
-    [("place", float, 3), ("kind", float), ("level", float), ("own", float)]
+    [("place", float, 3), ("kind", float), ("level", float), ("own", float), ("cut_m", float)]
+    # cut_m: where this is not 0, it shows only while an edge of the picture is so near, and at that edge
 )
 GHOST_CLASS = np.dtype(
     [
@@ -91,7 +93,7 @@ GHOST_CLASS = np.dtype(
 )
 
 _NOT_KNOWN = -1.0
-_ROUNDING_M = 1e-6
+ROUNDING_M = 1e-6
 _LAPSE, _ASPECT, _REST, _CENTRE_U, _CENTRE_V, _ANEW, _ASPECT_LAPSE = range(7)  # what is drawn of a row
 _SHOWS, _SCORE = range(2)  # and of a ghost
 _KINDS_OF_DRAW = 8
@@ -205,7 +207,7 @@ def draw_look(
             scores,
             rows,
         )
-    n_in_view = in_view(room, ghost_boxes, ghost_nodes, ghost_order, position, R, across, up, _ROUNDING_M)
+    n_in_view = in_view(room, ghost_boxes, ghost_nodes, ghost_order, position, R, across, up, s.farthest_cut)
     end = _draw_ghosts(
         s,
         tiles,
@@ -431,7 +433,9 @@ def _draw_ghosts(
             continue
         place, c = ghost.place, classes[kind]
         dx, dy, dz = place[0] - position[0], place[1] - position[1], place[2] - position[2]
-        u, v, _ = _project(s, R, dx, dy, dz)
+        u, v, depth = _project(s, R, dx, dy, dz)
+        if ghost.cut_m > 0.0:
+            u, v = _at_edge(s, u, v, s.focal_px * ghost.cut_m / depth, c.pixels / 2)
         if not (0.0 <= u <= s.width_px and 0.0 <= v <= s.height_px) or n == len(rows):
             continue
         row, best = _FIRST_GHOST + first_ghost + i, -math.inf
@@ -451,6 +455,19 @@ def _draw_ghosts(
         scores[n], rows[n] = best, kind
         n += 1
     return n
+
+
+@njit(cache=True)
+def _at_edge(s: Record, u: float, v: float, reach: float, half: float) -> tuple[float, float]:
+    """The middle of a box that reaches the edge of the picture nearest to a place; NaN if that is far."""
+    beside, above = min(u, s.width_px - u), min(v, s.height_px - v)  # negative outside
+    if not abs(min(beside, above)) < reach:
+        return np.nan, np.nan
+    if beside < above:
+        u = half if u < s.width_px / 2 else s.width_px - half
+    else:
+        v = half if v < s.height_px / 2 else s.height_px - half
+    return min(max(u, half), s.width_px - half), min(max(v, half), s.height_px - half)
 
 
 @njit(cache=True)

@@ -38,7 +38,7 @@ from skysweep.sensing.statistical.factors import (
 )
 from skysweep.sensing.statistical.view import View
 
-VERSION = 11  # 10 had as many lapses in the open as among trees
+VERSION = 12  # 11 had no false reports of trees that an edge of the picture cuts
 MAX_ENLARGED = 2.0  # times that a camera's pixels may be enlarged for the detector
 _ROUNDING = 1.001
 _VIEW_MAX_DEG = math.degrees(math.asin(math.sqrt(VIEW_MAX)))
@@ -145,6 +145,9 @@ class BackgroundModel(_Part):
     per_hectare: list[float] = Field(description="In one look, with confidences above the floor")
     surfaces: dict[str, float] = Field(description="Factor on per_hectare by what the ground is")
     per_tree: list[float] = Field(description="Of trees and bushes, in one look at one, at these altitudes")
+    per_cut_tree: list[float] = Field(
+        description="The same of one whose crown an edge of the picture cuts, with a box that it cuts"
+    )
     score_scale: list[float] = Field(description="Mean of their score over the floor, at these altitudes")
     score_shape: float = Field(gt=0, description="Of the Weibull distribution of that; 1 is exponential")
     again: float = Field(gt=0, le=1, description="Chance that the next look reports it again")
@@ -153,7 +156,7 @@ class BackgroundModel(_Part):
 
     @model_validator(mode="after")
     def _tables_fit_altitudes(self) -> BackgroundModel:
-        for name in ("per_hectare", "per_tree", "score_scale"):
+        for name in ("per_hectare", "per_tree", "per_cut_tree", "score_scale"):
             if len(getattr(self, name)) != len(self.altitude_agl_m):
                 raise ValueError(
                     f"{name} must have {len(self.altitude_agl_m)} entries, as altitude_agl_m has"

@@ -23,6 +23,7 @@ from skysweep.sensing.exposures import Exposures
 from skysweep.sensing.statistical.draws import (
     GHOST_CLASS,
     OCTAVES,
+    ROUNDING_M,
     SENSOR,
     TABLES,
     THING,
@@ -86,12 +87,13 @@ class StatisticalSensor:
         of_looks = np.random.default_rng([seed, 31, unit] if unit else [seed, 31])
         seed_of_looks = of_looks.integers(2**62)
         box, largest_m = model.box, things["size"].max(initial=0.0)
+        farthest_cut_m = max((tree.crown_radius_m for tree in world.trees), default=0.0) + ROUNDING_M
         scores = (score_of(detector.confidence_min), score_of(model.experiment.confidence_floor))
         boxes = (box.pixels, box.of_object, box.of_blur, model.fade_scale, detector.iou_max)
         self._sensors: dict[float, F64] = {}  # by the scale of a view
         for view in (self._view, *self._view.halved):
             optics = (view.focal_px, view.width_px, view.height_px, camera.exposure_s)
-            sensor = (*optics, seed_of_looks, *scores, *boxes, largest_m)
+            sensor = (*optics, seed_of_looks, *scores, *boxes, largest_m, farthest_cut_m)
             self._sensors[view.scale] = np.array([sensor], dtype=SENSOR).view(np.float64)
         in_tiles = min(len(self._view.tiles_px), _MOST_REPORTS)
         places = in_tiles * len(self._row_names) + _MAX_GHOSTS
@@ -220,7 +222,11 @@ class StatisticalSensor:
         background = [b for b in m.background if b.reported_as in classes]
         sources: list[tuple[BackgroundModel, list[float], _Grounds | _Trees]] = []
         for b in background:
-            sources += [(b, b.per_hectare, _Grounds.of(b, world)), (b, b.per_tree, _Trees(world.trees))]
+            sources += [
+                (b, b.per_hectare, _Grounds.of(b, world)),
+                (b, b.per_tree, _Trees(world.trees)),
+                (b, b.per_cut_tree, _Trees(world.trees, are_cut=True)),
+            ]
         sources = [source for source in sources if max(source[1]) > 0.0]
         self._ghost_names = [b.reported_as for b, _, _ in sources]
         log_altitudes = [np.log(b.altitude_agl_m) for b, _, _ in sources]
@@ -237,7 +243,7 @@ class StatisticalSensor:
         ).reshape(len(sources), 3, nodes)
         octaves, first = list[_Octave](), 0
         for k in range(OCTAVES):
-            parts = [np.zeros((0, 6))]
+            parts = [np.zeros((0, 7))]
             for c, (b, rates, where) in enumerate(sources):
                 ends = np.log(2.0) * np.array([k, k + 1])
                 grid = log_altitudes[c]
@@ -246,7 +252,8 @@ class StatisticalSensor:
                 places = where.places(top / b.again, once)
                 n = len(places)
                 own = once.normal(size=n) * math.sqrt(b.same_share)
-                parts.append(np.column_stack([places, np.full(n, c), once.uniform(0.0, top, n), own]))
+                levels = once.uniform(0.0, top, n)
+                parts.append(np.column_stack([places[:, :3], np.full(n, c), levels, own, places[:, 3]]))
             ghosts = np.concatenate(parts)
             ghosts = ghosts[ghosts[:, 4].argsort(kind="stable")]
             octaves.append(_Octave(ghosts.ravel(), first, PointTree.of(ghosts[:, :3])))
@@ -275,7 +282,7 @@ class _Grounds(NamedTuple):
         return cls(terrain, np.array([background.surfaces.get(name, 1.0) for name in names]))
 
     def places(self, per_hectare: float, once: np.random.Generator) -> F64:
-        """(N, 3) of so many a hectare, times the factor of the ground there."""
+        """(N, 4) of so many a hectare, times the factor of the ground there; the last is 0."""
         west, south, east, north = self.terrain.bounds_enu_m
         hectares, most = (east - west) * (north - south) / 1e4, float(self.factors.max())
         n = int(once.poisson(hectares * per_hectare * most))
@@ -283,24 +290,26 @@ class _Grounds(NamedTuple):
         if (cover := self.terrain.cover) is not None:
             xy = xy[once.random(n) * most < self.factors[cover.codes_at(xy)]]
         z = self.terrain.height_m(xy) if len(xy) else np.zeros(0)
-        return np.column_stack([xy, z])
+        return np.column_stack([xy, z, np.zeros(len(xy))])
 
 
 class _Trees(NamedTuple):
     """The trees and bushes of a world, on which the detector reports what is not there."""
 
     trees: Sequence[WorldTree]
+    are_cut: bool = False  # by an edge of the picture
 
     def places(self, per_tree: float, once: np.random.Generator) -> F64:
-        """(N, 3) of so many a tree, anywhere between its foot and its top."""
+        """(N, 4) of so many a tree, anywhere between its foot and its top, and the radius of what is cut."""
         n = int(once.poisson(len(self.trees) * per_tree))
         heights = once.uniform(0.0, 1.0, n)
         chosen = once.integers(len(self.trees), size=n).tolist() if n else []
         places = [
-            self.trees[k].position_enu_m + np.array([0.0, 0.0, share * self.trees[k].height_m])
-            for k, share in zip(chosen, heights.tolist(), strict=True)
+            (east, north, up + share * tree.height_m, tree.crown_radius_m if self.are_cut else 0.0)
+            for tree, share in zip((self.trees[k] for k in chosen), heights.tolist(), strict=True)
+            for east, north, up in [tree.position_enu_m.tolist()]
         ]
-        return np.array(places, dtype=float).reshape(-1, 3)
+        return np.array(places, dtype=float).reshape(-1, 4)
 
 
 def _facing(thing: WorldObject) -> tuple[float, float]:

@@ -75,7 +75,8 @@ class Suspects:
         """How probably nothing is at a candidate's place, before any look, if it is no target."""
         _, thing, nothing = self._shares.tolist()
         suspect = self.all[candidate_id]
-        nothing *= math.exp(self.hypotheses(suspect.class_name).clutter(suspect.place_enu_m))
+        hypotheses = self.hypotheses(suspect.class_name)
+        nothing *= math.exp(hypotheses.clutter(suspect.place_enu_m, suspect.only_cut))
         return float(nothing / (thing + nothing))
 
     @property

@@ -104,7 +104,7 @@ class Hypotheses:
         self._context, self._size_m = context, context.sizes_m[class_name][1]
         self._occluders = context.occluders
         self._around: dict[tuple[int, int], tuple[float, float]] = {}
-        self._clutter: dict[tuple[int, int], float] = {}
+        self._clutter: dict[tuple[int, int], tuple[float, float]] = {}
         reported = self._reported(context, weights)
         self._log_prior = np.log(weights / reported)
         self._log_reported = np.log([*(reported[group].max() for group in self._groups), reported[-1]])
@@ -156,7 +156,7 @@ class Hypotheses:
         target, thing, nothing, total, weight = _evidence(belief, self._is_target, own_std, shift)
         if only_cut:
             target, thing, nothing = (np.array([target, thing, nothing]) + self._log_reported).tolist()
-        return target, thing, nothing + self.clutter(place_enu_m), total, weight
+        return target, thing, nothing + self.clutter(place_enu_m, only_cut), total, weight
 
     def look(
         self,
@@ -228,12 +228,18 @@ class Hypotheses:
             self._around[near] = float(beside), shade
         return self._around[near]
 
-    def clutter(self, place_enu_m: F64) -> float:
-        """Log of the density of false reports of nothing there, over its mean in the area."""
+    def clutter(self, place_enu_m: F64, only_cut: bool = False) -> float:
+        """Log of the density of false reports of nothing there, over its mean in the area.
+
+        ``only_cut`` is of reports that an edge of the picture cuts: over the mean times the share of targets
+        that it cuts.
+        """
         near = _near(place_enu_m)
         if near not in self._clutter:
-            self._clutter[near] = self._ghost.clutter(self._place(near))
-        return self._clutter[near]
+            place = self._place(near)
+            whole, cut = (self._ghost.clutter(place, of_cut, self._size_m) for of_cut in (False, True))
+            self._clutter[near] = whole, cut
+        return self._clutter[near][only_cut]
 
     def _place(self, near: tuple[int, int]) -> F64:
         x, y = near[0] * _AROUND_M, near[1] * _AROUND_M
@@ -281,6 +287,7 @@ class _Ghost:
             of_ground = self._model.surfaces.get(context.surface, 1.0)
             self._per_hectare = of_ground * self._at(scan_m, self._model.per_hectare)
             self._per_tree = self._at(scan_m, self._model.per_tree)
+            self._per_cut_tree = self._at(scan_m, self._model.per_cut_tree)
             trees = self._occluders.crowns_in(context.area_enu_m)
             self._mean = self._per_hectare + self._per_tree * trees / (context.area_enu_m.area / _HECTARE_M2)
 
@@ -292,18 +299,20 @@ class _Ghost:
         scale = self._at(altitude_agl_m, m.score_scale)
         return np.array([self._floor + scale, max(scale, 0.1), 1.0 - m.again, m.same_share])
 
-    def clutter(self, place_enu_m: F64) -> float:
+    def clutter(self, place_enu_m: F64, of_cut: bool, size_m: float) -> float:
         """Log of their density at a place (3,) from the scan's altitude, over its mean in the area.
 
         A tree's are spread normally around it, as wide as its crown and the error of a place that is
-        projected to the ground from somewhere up a tree.
+        projected to the ground from somewhere up a tree. An edge of the picture cuts (``of_cut``) as many
+        more crowns than targets of that size as they are wider.
         """
         if self._model is None or self._mean <= 0.0:
             return 0.0
         away_m, radii_m = self._occluders.crowns_near(place_enu_m, 3.0 * _UP_A_TREE_M)
         var_m2 = (0.5 * radii_m) ** 2 + _UP_A_TREE_M**2
         per_m2 = np.exp(-0.5 * away_m**2 / var_m2) / (2.0 * math.pi * var_m2)
-        here = self._per_hectare + self._per_tree * _HECTARE_M2 * float(per_m2.sum())
+        per_tree = self._per_cut_tree * 2.0 * radii_m / size_m if of_cut else self._per_tree
+        here = self._per_hectare + _HECTARE_M2 * float((per_tree * per_m2).sum())
         return math.log(max(here / self._mean, _CLUTTER_LEAST))
 
     def _at(self, altitude_agl_m: float, over_altitude: list[float]) -> float:
