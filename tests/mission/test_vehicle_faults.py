@@ -322,10 +322,8 @@ def test_a_rangefinder_over_shipped_trees_and_roofs(name, by_m):
     reason = fly(replace(mission, vehicle=vehicle), journal)
     told = [line for line in journal.lines if line["kind"] == "safety" and line["cause"] == "height"]
     if by_m == 0.0:
-        assert (reason == "height", told) == (
-            False,
-            [],
-        )  # the wilderness may be more than the battery lasts for
+        assert reason != "height"  # the wilderness may be more than the battery lasts for
+        assert told == []
         return
     assert (reason, [line["action"] for line in told]) == ("height", ["CONTINUE", "RETURN"])
     begun_s = next(line["t"] for line in journal.lines if line.get("mode") == "SCAN")

@@ -1,5 +1,7 @@
 """What is believed of a candidate, by the looks that found it and those that did not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from contexts import context_of
@@ -60,6 +62,16 @@ def test_looks_need_not_report_what_only_an_edge_of_the_picture_cut():
     assert believed([cut, missed]) == pytest.approx(believed([whole, missed]), rel=0.5)
     for looks in ([cut, whole], [whole, cut]):
         assert believed(looks) == pytest.approx(believed([whole]), rel=0.01)
+
+
+def test_a_detector_that_reports_nothing_but_signs_needs_no_look_alikes():
+    context = context_of()
+    signs = [kind for kind in context.sensor_model.kinds if kind.kind == "stop sign"]
+    model = context.sensor_model.model_copy(update={"kinds": signs})
+    suspects = Suspects(replace(context, load_sensor_model=lambda: model), BeliefParameters())
+    for seen in (look(0.0, 0.0, 30.0, 0.5, is_cut=True), look(1.0, 0.0, 30.0, 0.9)):
+        suspects.take(seen, {1: candidate()}, ())
+        assert 0.0 < suspects.probability(1) < 1.0
 
 
 @pytest.mark.parametrize(("apart_m", "may_be_same"), [(0.4, True), (0.8, False)])

@@ -349,8 +349,9 @@ def fit_background(seen: Background, class_index: int) -> BackgroundModel | None
     rates, factors = _rates(hectares, altitude, surfaces, pictures[~of_tree], seen.world)
     per_tree = per_cut_tree = np.zeros(len(ALTITUDES_M))
     cut_trees, is_cut = np.where(high, seen.cut_trees, 0.0), seen.is_cut[mine]
-    if trees.any() and cut_trees.any():
+    if trees.any():
         per_tree, _ = _rates(trees, altitude, none, pictures[of_tree & ~is_cut], seen.world)
+    if cut_trees.any():
         per_cut_tree, _ = _rates(cut_trees, altitude, none, pictures[of_tree & is_cut], seen.world)
     followed = mine & np.isfinite(seen.again)
     again = seen.again[followed]

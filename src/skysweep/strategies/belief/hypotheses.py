@@ -107,7 +107,8 @@ class Hypotheses:
         self._clutter: dict[tuple[int, int], tuple[float, float]] = {}
         reported = self._reported(context, weights)
         self._log_prior = np.log(weights / reported)
-        self._log_reported = np.log([*(reported[group].max() for group in self._groups), reported[-1]])
+        of_groups = [reported[group].max(initial=_REPORTED_LEAST) for group in self._groups]
+        self._log_reported = np.log([*of_groups, reported[-1]])
         self.reported = float(reported[0])  # probability that a passing of the scan reports a target
 
     def _reported(self, context: MissionContext, weights: F64) -> F64:
