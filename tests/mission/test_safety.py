@@ -22,6 +22,7 @@ from skysweep.scenarios.model import Scenario
 from skysweep.sensing.exposures import Exposures
 from skysweep.types import Command, Setpoint, VehicleState, Waypoint
 from skysweep.worlds.obstacles import known_obstacles
+from skysweep.worlds.world import TerrainSurface
 
 BASE = {"name": "rules", "area": {"polygon_enu_m": [[0, 0], [200, 0], [200, 200], [0, 200]]}}
 
@@ -50,8 +51,9 @@ class Watched:
         s = scenario(**changes | {"safety": {"fence_margin_m": None} | changes.get("safety", {})})
         self.looks, self.fence = Looks(s, Exposures(s.detector.rate_hz, 0.0), 30.0), Fence(s)
         self.looks.begin(looked_s)
-        self.energy = ReturnEnergy(s, self.fence, 30.0, 1.6)
-        self.guard = Guard(s, self.fence, self.energy, self.looks, known_obstacles(s), begins_in_air)
+        known = known_obstacles(s)
+        self.energy = ReturnEnergy(s, self.fence, known.terrain, 30.0, 1.6)
+        self.guard = Guard(s, self.fence, self.energy, self.looks, known, begins_in_air)
 
     def refusal(self, seen, waypoint):
         return self.guard.refusal(seen, 30.0, waypoint, waypoint)
@@ -350,6 +352,19 @@ def test_the_reserve_counts_the_way_round_a_no_fly_area():
     assert round_it.home_wh((200, 0), 30.0, (0, 0)) > straight.home_wh((280, 0), 30.0, (0, 0))
 
 
+def test_the_reserve_counts_the_climb_over_a_ridge():
+    """One of 100 m, 150 to 250 m from home: it waits for the climb, and comes down at home."""
+    ridge = np.zeros((2, 101))
+    ridge[:, 35:46] = 100.0  # from x = -200 to 800 m
+    ground, s = TerrainSurface(ridge, (-200.0, -500.0, 800.0, 500.0), "grass"), scenario()
+    level, over_it = Watched().energy, ReturnEnergy(s, Watched().fence, ground, 30.0, 1.6)
+    more_wh = over_it.home_wh((300, 0), 30.0, (0, 0)) - level.home_wh((300, 0), 30.0, (0, 0))
+    assert more_wh > 190.0 * 20.0 / 3600.0
+    assert over_it.home_wh((100, 0), 30.0, (0, 0)) == pytest.approx(level.home_wh((100, 0), 30.0, (0, 0)))
+    there = Waypoint((300.0, 0.0), 30.0, 5.0)
+    assert over_it.waypoint_wh(state(), 30.0, there) > level.waypoint_wh(state(), 30.0, there) + more_wh
+
+
 def test_far_from_home_the_way_back_is_reserved():
     watched = Watched(looked_s=100.0)
     assert watched(state(x=2000.0, battery_remaining=0.5)) == {}
@@ -561,6 +576,17 @@ def test_no_progress_home_means_landing():
     watched = Watched()
     actions = [watched(state(t=t, x=80.0), phase=Phase.RETURN).get("no way home") for t in (0.0, 59.0, 61.0)]
     assert actions == [None, None, Action.LAND]
+
+
+def test_a_climb_before_a_ridge_is_progress_home_and_bobbing_is_none():
+    def told(height_m):
+        watched, times = Watched(), np.arange(0.0, 100.0, 5.0)
+        alarms = [watched(state(t=t, x=80.0, z=height_m(t)), agl=30.0, phase=Phase.RETURN) for t in times]
+        return [t for t, alarm in zip(times, alarms, strict=True) if "no way home" in alarm]
+
+    assert told(lambda t: 30.0 + 3.0 * t) == []
+    assert told(lambda t: 30.0 + 2.0 * math.sin(t))[0] == pytest.approx(70.0, abs=10.0)
+    assert told(lambda t: 30.0 + min(3.0 * t, 90.0))[0] == pytest.approx(95.0)
 
 
 def test_every_alarm_is_one_sentence():

@@ -112,6 +112,30 @@ def test_the_figures_are_those_of_all_sorties(sorties):
     assert run.sorties[-1].landed_s == run.landed_s
 
 
+def test_a_ridge_on_the_way_home_is_reserved_for():
+    """It climbs 80 m on the way and comes down behind: without, it landed at once with 5 % of its battery."""
+    east_m = np.linspace(-100.0, 520.0, 63)
+    ridge_m = np.maximum(0.0, 80.0 * (1.0 - np.abs(east_m - 150.0) / 60.0))
+    behind = Scenario.model_validate(
+        FIELD
+        | {
+            "area": {"polygon_enu_m": [[300, 0], [420, 0], [420, 120], [300, 120]]},
+            "home": {"position_enu_m": (0.0, 0.0)},
+            "terrain": {"heightmap_m": np.tile(ridge_m, (8, 1)).tolist()},
+            "targets": [],
+            "vehicle": {"battery_wh": 20.0, "batteries": 8, "swap_s": 60.0},
+        }
+    )
+    run, reason = flown(behind)
+    _, estimate = plan_scenario(behind)
+    assert reason == "completed"
+    assert run.n_sorties == estimate.batteries == 3
+    assert run.landed_s == pytest.approx(estimate.time_s, rel=0.1)
+    assert run.states.energy_wh[-1] == pytest.approx(estimate.energy_wh, rel=0.1)
+    assert min(line["battery"] for line in run.events("sortie")) > 0.06
+    assert all(line["cause"] == "return energy" for line in run.events("safety") if "battery" in str(line))
+
+
 def test_with_one_battery_the_search_ends_and_the_journal_knows_no_sorties():
     run, reason = flown(field(batteries=1))
     assert reason == "return energy"

@@ -18,7 +18,7 @@ from skysweep.strategies import code_of, strategy_spec
 from skysweep.strategies.fields import value_at
 from skysweep.worlds.ground_files import ground_digest
 
-RESULTS_VERSION = 8  # increased when missions of the same scenario and seed end differently than before
+RESULTS_VERSION = 9  # increased when missions of the same scenario and seed end differently than before
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,22 +7,36 @@ the thrust that drag demands (momentum theory: thrust to the power of 1.5).
 from __future__ import annotations
 
 import math
+from itertools import pairwise
+
+import numpy as np
 
 from skysweep.mission.fence import Fence
 from skysweep.planning.flight_plan import DRAG_PER_S, GUSTS, LEG_LAG_S, landing_time_s
+from skysweep.planning.relief import lost_over_hills_s
 from skysweep.scenarios.model import Scenario
 from skysweep.types import XY, VehicleState, Waypoint
+from skysweep.worlds.obstacles import keep_m
+from skysweep.worlds.world import TerrainSurface
 
 _G = 9.81
 _SLOWEST_MPS = 0.1  # over ground, to get home at all
 
 
 class ReturnEnergy:
-    """Energy in Wh to fly home and land."""
+    """Energy in Wh to fly home over the ground and land."""
 
-    def __init__(self, scenario: Scenario, fence: Fence, return_altitude_agl_m: float, look_s: float) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        fence: Fence,
+        terrain: TerrainSurface,
+        return_altitude_agl_m: float,
+        look_s: float,
+    ) -> None:
         self._vehicle, self._air_speed_max_mps = scenario.vehicle, scenario.safety.air_speed_max_mps
-        self._home, self._fence = scenario.home.position_enu_m, fence
+        self._home, self._fence, self._terrain = scenario.home.position_enu_m, fence, terrain
+        self._keep_m = keep_m(scenario)
         self._altitude_agl_m = return_altitude_agl_m
         self._landing_s = landing_time_s(return_altitude_agl_m, scenario.vehicle.descent_speed_mps)
         self._look_s = look_s
@@ -35,7 +49,11 @@ class ReturnEnergy:
         wind_xy_mps = (1.0 + GUSTS) * wind_xy_mps[0], (1.0 + GUSTS) * wind_xy_mps[1]
         climb_s = max(0.0, self._altitude_agl_m - altitude_agl_m) / self._vehicle.climb_speed_mps
         upright_wh = self.power_w(math.hypot(*wind_xy_mps)) * (climb_s + self._landing_s) / 3600.0
-        return upright_wh + self._way_wh(xy, self._home, self._vehicle.cruise_speed_mps, wind_xy_mps)
+        begins_m = max(altitude_agl_m, self._altitude_agl_m)
+        speed_mps = self._vehicle.cruise_speed_mps
+        return upright_wh + self._way_wh(
+            xy, self._home, speed_mps, wind_xy_mps, begins_m, self._altitude_agl_m
+        )
 
     def landing_wh(self, altitude_agl_m: float, wind_xy_mps: XY) -> float:
         """Straight down from here."""
@@ -49,13 +67,26 @@ class ReturnEnergy:
         up_m = waypoint.altitude_agl_m - altitude_agl_m
         speed_mps = self._vehicle.climb_speed_mps if up_m > 0.0 else self._vehicle.descent_speed_mps
         upright_s = abs(up_m) / speed_mps + self._look_s
-        there_wh = self._way_wh((x, y), waypoint.xy_enu_m, waypoint.speed_mps, wind)
+        above_m = waypoint.altitude_agl_m
+        there_wh = self._way_wh((x, y), waypoint.xy_enu_m, waypoint.speed_mps, wind, above_m, above_m)
         there_wh += self.power_w(math.hypot(*wind)) * upright_s / 3600.0
         return there_wh + self.home_wh(waypoint.xy_enu_m, waypoint.altitude_agl_m, wind)
 
-    def _way_wh(self, start: XY, end: XY, speed_mps: float, wind: XY) -> float:
-        way = self._fence.way(start, end)
-        return sum(self._leg_wh(a, b, speed_mps, wind) for a, b in zip([start, *way], way, strict=False))
+    def _way_wh(
+        self, start: XY, end: XY, speed_mps: float, wind: XY, begins_agl_m: float, altitude_agl_m: float
+    ) -> float:
+        way = [start, *self._fence.way(start, end)]
+        level_wh = sum(self._leg_wh(a, b, speed_mps, wind) for a, b in pairwise(way))
+        lost_s = lost_over_hills_s(
+            np.array([way]),
+            np.array([speed_mps]),
+            begins_agl_m,
+            altitude_agl_m,
+            self._keep_m,
+            self._vehicle,
+            self._terrain,
+        )
+        return level_wh + self.power_w(math.hypot(*wind)) * lost_s.item() / 3600.0
 
     def _leg_wh(self, start: XY, end: XY, speed_mps: float, wind: XY) -> float:
         east, north = end[0] - start[0], end[1] - start[1]

@@ -121,7 +121,11 @@ class Flight:
         self._router = Router(self._fence)
         self._clearance = Clearance(scenario, mission.obstacles, self._fence, mission.yaw_rad)
         energy = ReturnEnergy(
-            scenario, self._fence, mission.return_altitude_agl_m, 2.0 * self._looks.usual_age_s
+            scenario,
+            self._fence,
+            mission.obstacles.terrain,
+            mission.return_altitude_agl_m,
+            2.0 * self._looks.usual_age_s,
         )
         self._guard = Guard(scenario, self._fence, energy, self._looks, mission.obstacles, state.airborne)
         self._desk = Desk(

@@ -483,11 +483,12 @@ class Guard:
             yield Alarm(action, "wind", f"The wind blows at {speed_mps:.0f} m/s.")
 
     def _progress_home(self, state: VehicleState, now_s: float, waits: bool) -> Iterator[Alarm]:
-        """Land here if there is no progress towards home, as in strong wind."""
-        distance_m = math.dist(state.position_enu_m[:2].tolist(), self._home)
+        """Land here if there is no progress towards home, as in strong wind. A climb is progress."""
+        x, y, z = state.position_enu_m.tolist()
+        distance_m = math.dist((x, y), self._home)
         if waits:
             self._homeward.restart()
-        elif self._homeward.stuck_s(now_s, self._home, distance_m) > _NO_WAY_HOME_S:
+        elif self._homeward.stuck_s(now_s, self._home, distance_m, z) > _NO_WAY_HOME_S:
             yield Alarm(Action.LAND, "no way home", f"No way home, {distance_m:.0f} m away: landing here.")
 
     def _obedience(self, state: VehicleState, goal: Setpoint | None, now_s: float) -> Iterator[Alarm]:

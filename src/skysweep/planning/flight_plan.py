@@ -22,6 +22,7 @@ from skysweep.errors import UserError
 from skysweep.planning.coverage import CoveragePlan, plan_coverage
 from skysweep.planning.hills import plan_over_hills, with_profiles
 from skysweep.planning.qgc import coverage_from_qgc, read_plan
+from skysweep.planning.relief import lost_over_hills_s
 from skysweep.scenarios.model import Scenario
 from skysweep.worlds.world import build_terrain
 
@@ -102,21 +103,30 @@ def estimate_flight(
     hover_w = float(_power_w(scenario, scenario.wind.mean_speed_mps))
     climb = Spent.at(altitude / vehicle.climb_speed_mps + TAKE_OFF_LAG_S, hover_w)
     landing = Spent.at(landing_time_s(altitude, vehicle.descent_speed_mps), hover_w)
-    out = _legs(home, stops, scenario.search.scan_speed_mps, scenario) + climb
-    again = _legs(home, stops, vehicle.cruise_speed_mps, scenario) + climb
-    back = _legs(stops, home, vehicle.cruise_speed_mps, scenario) + landing
-    kept = _legs(stops, home, vehicle.cruise_speed_mps, scenario, GUSTS) + landing
+    terrain = build_terrain(scenario)
+
+    def over_hills(starts: F64, ends: F64, speed_mps: float) -> Spent:
+        ways, speeds = np.stack([starts, ends], axis=1), np.full(len(starts), speed_mps)
+        keep_m = scenario.safety.clearance_m
+        lost_s = lost_over_hills_s(ways, speeds, altitude, altitude, keep_m, vehicle, terrain)
+        return Spent(lost_s, lost_s * hover_w / 3600.0)
+
+    scan_mps, cruise_mps = scenario.search.scan_speed_mps, vehicle.cruise_speed_mps
+    out = _legs(home, stops, scan_mps, scenario) + climb
+    again = _legs(home, stops, cruise_mps, scenario) + climb
+    down = landing + over_hills(stops, home, cruise_mps)
+    back = _legs(stops, home, cruise_mps, scenario) + down
+    kept = _legs(stops, home, cruise_mps, scenario, GUSTS) + down
 
     ends: list[int] = []  # of the sorties, among the stops
     spent = Spent(np.zeros(()), np.zeros(()))
     at = 0
     while True:
-        there = again if ends else out
+        there, there_mps = (again, cruise_mps) if ends else (out, scan_mps)
+        there = there[at] + over_hills(home[:1], stops[at : at + 1], there_mps)[0]
         most = int(np.searchsorted(path.energy_wh, path.energy_wh[at] + vehicle.battery_wh)) + 1
         reach = slice(at, max(at + 2, most))
-        search = path[reach] + Spent(
-            there.time_s[at] - path.time_s[at], there.energy_wh[at] - path.energy_wh[at]
-        )
+        search = path[reach] + Spent(there.time_s - path.time_s[at], there.energy_wh - path.energy_wh[at])
         needed_wh = _battery_for(search.energy_wh, kept.energy_wh[reach], scenario)
         is_last = reach.stop >= len(stops) and bool((needed_wh <= vehicle.battery_wh).all())
         reached = at + (len(needed_wh) if is_last else int(np.argmax(needed_wh > vehicle.battery_wh))) - 1
