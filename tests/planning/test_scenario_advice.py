@@ -4,6 +4,7 @@ import pytest
 
 from skysweep.planning.advice import localisation_std_m, warnings_for
 from skysweep.scenarios.files import list_scenarios, load_scenario, parse_scenario
+from skysweep.scenarios.model import MAX_BATTERIES
 
 WELL = """
 name: mine
@@ -158,6 +159,25 @@ def test_a_plan_that_takes_more_batteries_says_how_far_they_last_and_what_would_
     assert f"takes {needed}" in short
     for field, value in (cure.split(": ") for cure in warning.split("write ")[1].split(", or ")[1:]):
         assert warnings_of(vehicle=vehicle, search={field.removeprefix("search."): float(value)}) == []
+
+
+def test_no_cure_for_batteries_asks_for_what_the_vehicle_or_a_scenario_cannot():
+    windy = {"vehicle": "{battery_wh: 12, cruise_speed_mps: 10}", "wind": "{mean_speed_mps: 4}"}
+    (said,) = [w for w in warnings_of(**windy, search="{scan_speed_mps: 3}") if "vehicle.batteries" in w]
+    assert said.endswith("search.scan_speed_mps: 5.8")
+    assert not [w for w in warnings_of(**windy, search="{scan_speed_mps: 5.8}") if "speed" in w]
+    slow = {"area": "{polygon_enu_m: [[0, 0], [900, 0], [900, 900], [0, 900]]}"}
+    (said,) = [w for w in warnings_of(**slow, search="{scan_speed_mps: 0.1}") if "vehicle.batteries" in w]
+    assert int(said.split("the whole plan takes ")[1].split()[0]) > MAX_BATTERIES
+    assert "write vehicle.batteries" not in said
+
+
+def test_a_mast_beyond_the_ground_that_is_known_is_said():
+    hills, mast = "{hills_height_m: 30}", "{radio_mast_enu_m: [900, 50, 10]}"
+    (said,) = [w for w in warnings_of(safety=mast, terrain=hills) if "radio_mast" in w]
+    assert "safety.radio_mast_enu_m: stands 740 m beyond the ground that is known" in said
+    assert not [w for w in warnings_of(safety=mast) if "radio_mast" in w]
+    assert not [w for w in warnings_of(safety=mast.replace("900", "90"), terrain=hills) if "mast" in w]
 
 
 def test_a_strategy_that_covers_from_lower_needs_more_batteries():

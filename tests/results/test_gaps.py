@@ -154,6 +154,7 @@ def test_flights_that_do_not_go_together_are_refused_by_name():
     other = {"polygon_enu_m": [[0, 0], [120, 0], [120, 61], [0, 61]]}
     refused = {
         "b: was flown with another area than a": field(area=other),
+        "b: was flown with another light than a": field(light={"sun_elevation_deg": 10.0}),
         "b: was flown with another camera than a": field(camera=CALIBRATED | {"hfov_rad": 1.3}),
         "b: was flown with another frame": field(home={"latitude_deg": 61.0}),
     }

@@ -17,6 +17,7 @@ from skysweep.planning.advice import warnings_for_plan
 from skysweep.worlds.world import build_terrain, elevation_of
 
 SIZE = (120, 140)
+NO_DATUM = "+proj=tmerc +lon_0=24 +k=1 +x_0=500000 +ellps=intl +units=m"
 PLACES = np.array([[0.0, 0.0], [10.0, 390.0], [300.0, 200.0], [599.0, 1.0], [571.0, 333.0]])
 
 
@@ -251,8 +252,9 @@ def test_without_a_place(tmp_path):
     with pytest.raises(UserError, match=r"no-crs\.tif: does not say where it lies; save it as a GeoTIFF"):
         build_terrain(over(dem=nowhere))
     local = write(tmp_path / "local.tif", slope(SIZE), 'LOCAL_CS["x",UNIT["metre",1]]', placed(10.0, SIZE))
-    with pytest.raises(UserError, match=r"local\.tif: its CRS is local; save it again in one with a datum"):
-        build_terrain(over(dem=local))
+    for what in (local, write(tmp_path / "no-datum.tif", slope(SIZE), NO_DATUM, placed(10.0, SIZE))):
+        with pytest.raises(UserError, match=r"its CRS is local or tells no datum; save it again in one with"):
+            build_terrain(over(dem=what))
     with pytest.warns(rasterio.errors.NotGeoreferencedWarning):
         plain = write(tmp_path / "plain.tif", slope(SIZE))
     with pytest.raises(UserError, match="does not say where it lies"):

@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 import shapely
+import shapely.affinity
 from tests.worlds.geotiffs import over, placed, rasterio, slope, write
 
 from skysweep.errors import UserError
@@ -88,6 +89,15 @@ def test_worldcover_is_known(tmp_path):
     cover = write(tmp_path / "lc.tif", halves(west=10, east=80), transform=placed(10.0, SIZE))
     terrain = build_terrain(over(land_cover=cover))
     assert (terrain.surface_at(100, 200), terrain.surface_at(500, 200)) == ("forest floor", "water")
+
+
+@pytest.mark.parametrize(("code", "surface"), [
+    (10, "forest floor"), (20, "grass"), (30, "grass"), (40, "grass"), (50, "asphalt"), (60, "sand"),
+    (70, "snow"), (80, "water"), (90, "grass"), (95, "forest floor"), (100, "rock"),
+])  # fmt: skip
+def test_each_class_of_worldcover_is_a_surface(tmp_path, code, surface):
+    cover = write(tmp_path / "lc.tif", halves(west=code, east=code), transform=placed(10.0, SIZE))
+    assert build_terrain(over(land_cover=cover)).surface_at(300, 200) == surface
 
 
 def test_a_class_that_nobody_told_is_refused(tmp_path):
@@ -439,6 +449,38 @@ def test_a_picture_without_colours_is_refused(tmp_path):
     away = write(tmp_path / "away.tif", picture(), transform=placed(10.0, SIZE, middle_enu_m=(0, 20_000)))
     with pytest.raises(UserError, match=r"does not overlap the area, 1\d\.\d km away"):
         build_world(over(orthophoto=away), 0)
+
+
+def test_how_much_of_the_ground_is_pictured_is_said(tmp_path):
+    """A square of 600 m on its corner, over ground of 720 x 520 m: what its box covers does not count."""
+    turned = placed(6.0, (100, 100), turned_deg=45.0)
+    file = write(tmp_path / "o.tif", picture((100, 100)), transform=turned, photometric="RGB")
+    (said,) = [w for w in warnings_for_plan(over(orthophoto=file)) if "pictures" in w]
+    ground = shapely.box(-60, -60, 660, 460)
+    diamond = shapely.affinity.rotate(shapely.box(0, -100, 600, 500), 45.0)
+    share = diamond.intersection(ground).area / ground.area
+    assert f"terrain.orthophoto: pictures {share:.0%} of the ground" in said
+    whole = write(tmp_path / "w.tif", picture(), transform=placed(10.0, SIZE), photometric="RGB")
+    assert not [w for w in warnings_for_plan(over(orthophoto=whole)) if "orthophoto" in w]
+
+
+def test_a_picture_without_overviews_is_said(tmp_path):
+    size, path = 6000, tmp_path / "large.tif"
+    with rasterio.open(
+        path, "w", driver="GTiff", width=size, height=size, count=3, dtype="uint8", crs="EPSG:3067",
+        transform=placed(0.2, (size, size)), tiled=True, SPARSE_OK=True, photometric="RGB",
+    ) as file:  # fmt: skip
+        file.write(np.full((3, 256, 256), 90, np.uint8), window=rasterio.windows.Window(2900, 2900, 256, 256))
+
+    def said():
+        return [w for w in warnings_for_plan(over(orthophoto=path)) if "has no overviews" in w]
+
+    assert len(said()) == 1
+    with rasterio.open(path, "r+") as file:
+        file.build_overviews([2, 4, 8, 16], rasterio.enums.Resampling.average)
+    assert said() == []
+    shown = build_world(over(orthophoto=path), 0).ground_picture
+    assert shown.read(0.0, 0.0, 600.0, 400.0, 60, 40)[..., :3].max() > 80
 
 
 def test_a_picture_larger_than_memory_is_read_in_windows(tmp_path):

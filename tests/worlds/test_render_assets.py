@@ -16,7 +16,7 @@ from skysweep.worlds.textures import Decal, decal_layer, ground_textures, layer_
 from skysweep.worlds.world import HELD_OUT_VARIANTS
 
 SIZE_M = DEFAULT_SIZE_M | {"car": 4.5}  # which scenarios do not know
-POSES = ["face-up", "standing", "lying", "floating", "sitting"]
+POSES = ["face-up", "standing", "lying", "floating", "sitting", "crouching", "walking", "waving"]
 variants = st.one_of(st.integers(0, HELD_OUT_VARIANTS - 1), st.integers(HELD_OUT_VARIANTS, 1999))
 
 

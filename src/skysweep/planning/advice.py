@@ -17,6 +17,7 @@ from skysweep.planning.flight_plan import FlightEstimate, plan_scenario
 from skysweep.scenarios.model import (
     DEFAULT_SIZE_M,
     MARGIN_M,
+    MAX_BATTERIES,
     MAX_TREES,
     Scenario,
     Search,
@@ -92,25 +93,26 @@ def warnings_for_batteries(scenario: Scenario, altitude_agl_m: float | None = No
     needed = _estimate(scenario, altitude)
     if needed is None or needed.batteries <= given:
         return []
-    cures = [f"vehicle.batteries: {needed.batteries}"]
-    highest_m = min(
-        altitude * needed.pixels_on_target / WISHED_AT_SCAN_PX, scenario.safety.altitude_max_agl_m
+    cures = [f"vehicle.batteries: {needed.batteries}"] if needed.batteries <= MAX_BATTERIES else []
+    highest_m = math.floor(
+        min(altitude * needed.pixels_on_target / WISHED_AT_SCAN_PX, scenario.safety.altitude_max_agl_m)
     )
     may_rise = search.plan is None and altitude == search.scan_altitude_agl_m < highest_m
     higher = _estimate(scenario, highest_m) if may_rise else None
     if higher is not None and higher.batteries <= given:
-        cures.append(f"search.scan_altitude_agl_m: {math.floor(highest_m)}")
-    fastest = scenario.with_search(scan_speed_mps=scenario.vehicle.cruise_speed_mps)
-    faster = _estimate(fastest, altitude) if fastest.search.scan_speed_mps > search.scan_speed_mps else None
+        cures.append(f"search.scan_altitude_agl_m: {highest_m}")
+    fastest_mps = min(scenario.vehicle.cruise_speed_mps, _held_mps(scenario))
+    may_hasten = fastest_mps > search.scan_speed_mps
+    faster = _estimate(scenario.with_search(scan_speed_mps=fastest_mps), altitude) if may_hasten else None
     if faster is not None and faster.batteries <= given:
-        cures.append(f"search.scan_speed_mps: {fastest.search.scan_speed_mps:g}")
+        cures.append(f"search.scan_speed_mps: {fastest_mps:g}")
     lasts = "1 battery lasts" if given == 1 else f"{given} batteries last"
     long_h = needed.time_s / 3600.0
     how_long = f"{long_h:.1f} h" if long_h >= 1.0 else f"{60.0 * long_h:.0f} min"
     return [
         f"vehicle.batteries: {lasts} for {needed.shares_flown[given - 1]:.0%} of the plan, where the search "
         f"ends; the whole plan takes {needed.batteries} ({how_long} with the swaps), checks not counted; "
-        f"write {', or '.join(cures)}"
+        f"{'write ' + ', or '.join(cures) if cures else 'search a smaller area'}"
     ]
 
 
@@ -133,8 +135,16 @@ def _about_plan(search: Search, cover_altitude_agl_m: float | None) -> Iterator[
 
 
 def _about_way(scenario: Scenario) -> Iterator[str]:
-    """A path through no-fly areas, and ways beyond the ground that is known."""
-    rings = scenario.safety.no_fly_enu_m
+    """A path through no-fly areas, and a mast and ways beyond the ground that is known."""
+    rings, mast = scenario.safety.no_fly_enu_m, scenario.safety.radio_mast_enu_m
+    terrain = build_terrain(scenario)
+    known = shapely.box(*terrain.bounds_enu_m)
+    if mast is not None and not terrain.is_flat and (away_m := known.distance(shapely.Point(mast))) > 0.0:
+        yield (
+            f"safety.radio_mast_enu_m: stands {away_m:.0f} m beyond the ground that is known, which ends "
+            f"{MARGIN_M:g} m around area and home; there it is taken to be as high as its edge, and what "
+            "hides the mast there is not known: place it nearer, or enlarge the area"
+        )
     if scenario.search.plan is None and not rings:
         return
     try:
@@ -148,10 +158,9 @@ def _about_way(scenario: Scenario) -> Iterator[str]:
             f"safety.no_fly_enu_m: the path leads {through_m:.0f} m through it; a mission flies round, and "
             "the ground there is not seen: leave it out of the area (area.holes_enu_m)"
         )
-    terrain = build_terrain(scenario)
     if terrain.is_flat:
         return
-    known, around = shapely.box(*terrain.bounds_enu_m), shapely.MultiPoint(path).convex_hull
+    around = shapely.MultiPoint(path).convex_hull
     ways = [("search.plan", around)] + [
         ("safety.no_fly_enu_m", ring) for ring in kept_out if ring.intersects(around)
     ]
@@ -206,8 +215,8 @@ def _about_ground(scenario: Scenario) -> Iterator[str]:
             )
     yield from notes_on_buildings(scenario)
     if picture is not None:
-        ground_m2 = shapely.box(*ground_bounds(scenario)).area
-        share = shapely.box(*picture.bounds_enu_m).area / ground_m2
+        ground = shapely.box(*ground_bounds(scenario))
+        share = shapely.intersection(picture.source.outline_enu_m(), ground).area / ground.area
         if share < 1.0 - _WORTH_SAYING:
             yield f"terrain.orthophoto: pictures {share:.0%} of the ground; the rest is drawn as the surface"
         if not picture.source.is_coarse_too:
@@ -366,6 +375,12 @@ def _raster(area: shapely.Polygon) -> NDArray[np.object_]:
     return places
 
 
+def _held_mps(scenario: Scenario) -> float:
+    """The scan speed that the vehicle holds against the mean wind."""
+    sustained_mps = scenario.safety.air_speed_max_mps - scenario.wind.mean_speed_mps
+    return min(_SIMULATED_MAX_MPS, math.floor(10.0 * sustained_mps) / 10.0)
+
+
 def _about_speeds(scenario: Scenario) -> Iterator[str]:
     cruise, scan_mps = scenario.vehicle.cruise_speed_mps, scenario.search.scan_speed_mps
     mean_mps, air_mps = scenario.wind.mean_speed_mps, scenario.safety.air_speed_max_mps
@@ -391,7 +406,7 @@ def _about_speeds(scenario: Scenario) -> Iterator[str]:
             f"cruises at {cruise:g} m/s"
         )
     elif scan_mps + mean_mps > air_mps:
-        held_mps = math.floor(10.0 * (air_mps - mean_mps)) / 10.0
+        held_mps = _held_mps(scenario)
         yield (
             f"search.scan_speed_mps: {scan_mps:g} m/s against a wind of {mean_mps:g} m/s is more than the "
             f"vehicle sustains (safety.air_speed_max_mps: {air_mps:g}), and it is blown off its transects; "

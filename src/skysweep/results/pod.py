@@ -168,7 +168,7 @@ def coverage_of_flights(runs: Sequence[Run], instead: str = "do without the cove
         if other is not None:
             raise UserError(
                 f"{run.folder}: was flown with another {other} than {first.folder}; name flights that share "
-                "area, ground, targets, camera and detector"
+                "area, ground, light, targets, camera and detector"
             )
         coverage.begin_journal()
         for line in run.records:
@@ -196,7 +196,8 @@ def _seen_with(scenario: Scenario) -> dict[str, Any]:
     return {
         "frame (home)": s.frame,
         "area": s.area_enu_m,
-        "ground": (s.terrain, s.trees, s.forests, s.buildings, s.buildings_file),
+        "ground": (s.terrain, s.trees, s.forests, s.buildings, s.buildings_file, s.roads_file),
+        "light": s.light,
         "kind of target": (s.target_sizes_m, s.target_poses),
         "camera": s.camera,
         "detector": s.detector,

@@ -33,7 +33,7 @@ MAX_AREA_KM2 = 25.0
 MAX_DISTANCE_FROM_HOME_KM = 50.0
 MAX_CORNERS = 10_000  # of an area
 MAX_FENCE_CORNERS = 1000
-MAX_TREES, MAX_BUILDINGS, MAX_OBJECTS = 50_000, 5000, 5000
+MAX_TREES, MAX_BUILDINGS, MAX_OBJECTS, MAX_BATTERIES = 50_000, 5000, 5000, 100
 MAX_HOVER_H = 48.0
 HALVE_ABOVE_PX = 128.0  # beyond which the shipped detector sees persons better at half of the size
 MAX_WAITING_PX = 300_000_000  # of pictures between exposure and answer
@@ -498,7 +498,10 @@ class VehicleLimits(Model):
     battery_wh: float = Field(98.0, gt=1, le=5000)
     hover_power_w: float = Field(190.0, gt=1, le=20000, description="Power drawn from the battery in hover")
     batteries: int = Field(
-        1, ge=1, le=100, description="How many there are: with more than one it flies as many sorties"
+        1,
+        ge=1,
+        le=MAX_BATTERIES,
+        description="How many there are: with more than one it flies as many sorties",
     )
     swap_s: float = Field(
         120.0, ge=0, le=3600, description="On the ground between two sorties, to change the battery"

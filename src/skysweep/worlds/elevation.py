@@ -93,7 +93,8 @@ def _elevation(
     notes = list(_about_zeros(dem, heights, step_m))
     if step_m > 1.01 * fine_m:
         notes.append(
-            f"{FIELD}: is read every {step_m:.1f} m, not every {fine_m:.1f} m: the ground is too large"
+            f"{FIELD}: is read every {step_m:.1f} m, as means, not every {fine_m:.1f} m: the ground is too "
+            "large, and summits are lower than in the file; keep a larger safety.clearance_m"
         )
     missing = np.isnan(heights)
     if missing.any():

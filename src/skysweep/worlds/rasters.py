@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from skysweep.arrays import F64, U8
 from skysweep.errors import MissingExtraError, UserError
+from skysweep.geometry.datums import is_geocentric
 from skysweep.geometry.frames import LocalFrame
 
 Bounds = tuple[float, float, float, float]  # west, south, east, north
@@ -175,9 +176,13 @@ class GeoTiff:
     @cached_property
     def _from_wgs84(self) -> pyproj.Transformer:
         try:
-            return pyproj.Transformer.from_crs("EPSG:4326", self.crs.to_2d(), always_xy=True)
+            return pyproj.Transformer.from_crs(
+                "EPSG:4326", self.crs.to_2d(), always_xy=True, allow_ballpark=is_geocentric(self.crs)
+            )
         except pyproj.exceptions.ProjError:
-            raise self.error("its CRS is local; save it again in one with a datum, such as UTM") from None
+            raise self.error(
+                "its CRS is local or tells no datum; save it again in one with a datum, such as UTM"
+            ) from None
 
 
 def geotiff(path: Path, field: str, frame: LocalFrame) -> GeoTiff:

@@ -14,6 +14,7 @@ from scipy import ndimage
 
 from skysweep.arrays import F64
 from skysweep.errors import UserError
+from skysweep.geometry.datums import is_geocentric
 from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.prior.checks import MAX_CELLS, checked_poa
 from skysweep.planning.prior.maps import FARTHEST_M, ProbabilityMap, grid_over
@@ -111,10 +112,13 @@ class Raster:
 
     def _to_wgs84(self) -> pyproj.Transformer:
         try:
-            return pyproj.Transformer.from_crs(self.crs, "EPSG:4326", always_xy=True)
+            return pyproj.Transformer.from_crs(
+                self.crs, "EPSG:4326", always_xy=True, allow_ballpark=is_geocentric(self.crs)
+            )
         except pyproj.exceptions.ProjError:
             raise UserError(
-                "is in a local CRS that leads to no place on earth; save it in EPSG:4326"
+                "is in a CRS that is local or tells no datum, and leads to no place on earth; save it in "
+                "EPSG:4326"
             ) from None
 
     @property
