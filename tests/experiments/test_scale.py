@@ -27,5 +27,6 @@ def test_small_places_are_measured():
         assert min(row["plan_s"], row["statistical_s"]) > 0.0
         assert row["flown_km"] > row["planned_km"] > 0.05
         assert row["rendered_look_s"] > 0.02
+        assert row["rendered_s"] > row["rendered_ready_s"] > row["rendered_look_s"]
         assert 100 < row["plan_mb"] < row["rendered_mb"] < 4000
     assert set(measured["slopes"]) == set(scale.PARTS)
