@@ -388,7 +388,7 @@ def test_the_energy_of_a_waypoint_counts_the_climb_and_the_way_round():
     low, high = Waypoint((150.0, 0.0), 30.0, 5.0), Waypoint((150.0, 0.0), 90.0, 5.0)
     straight, round_it = Watched().energy, Watched(safety={"no_fly_enu_m": [wall]}).energy
     assert straight.waypoint_wh(state(), 30.0, high) - straight.waypoint_wh(state(), 30.0, low) == (
-        pytest.approx(190 * 60.0 / 3.0 / 3600.0)
+        pytest.approx(190 * (60.0 / 3.0 + 60.0 / 1.5 - 150.0 / 5.0) / 3600.0)  # up; down beyond the way home
     )
     there_wh = [
         e.waypoint_wh(state(), 30.0, low) - e.home_wh((150, 0), 30.0, (0, 0)) for e in (straight, round_it)
@@ -581,7 +581,10 @@ def test_no_progress_home_means_landing():
 def test_a_climb_before_a_ridge_is_progress_home_and_bobbing_is_none():
     def told(height_m):
         watched, times = Watched(), np.arange(0.0, 100.0, 5.0)
-        alarms = [watched(state(t=t, x=80.0, z=height_m(t)), agl=30.0, phase=Phase.RETURN) for t in times]
+        over_the_ridge = Setpoint(np.array([0.0, 0.0, 300.0]), 5.0, 0.0)
+        alarms = [
+            watched(state(t=t, x=80.0, z=height_m(t)), phase=Phase.RETURN, goal=over_the_ridge) for t in times
+        ]
         return [t for t, alarm in zip(times, alarms, strict=True) if "no way home" in alarm]
 
     assert told(lambda t: 30.0 + 3.0 * t) == []

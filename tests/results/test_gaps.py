@@ -142,6 +142,25 @@ def test_what_several_flights_saw_adds_up_but_not_as_if_they_were_independent():
     assert both[seen].mean() < independent[seen].mean()
 
 
+def test_each_flight_has_the_shadows_of_its_own_sun():
+    """A row of crowns throws its shadow to the north at noon, and to the west in the morning."""
+    trees = [
+        {"position_enu_m": [x, 30.0], "height_m": 12.0, "crown_radius_m": 2.0} for x in range(10, 120, 10)
+    ]
+    noon, dawn = (
+        field(trees=trees, light={"sun_elevation_deg": 25.0, "sun_heading_deg": heading})
+        for heading in (180.0, 90.0)
+    )
+    first, second = flight([40.0], "a", noon), flight([20.0, 38.0], "b", dawn)
+    both = coverage_of_flights([first, second]).pod()
+    under_one_sun = coverage_of_flights([first, flight([20.0, 38.0], "b", noon)]).pod()
+    assert np.abs(both - under_one_sun).max() > 5e-4
+    doubt = {"t": 170.0, "kind": "look", "doubt": ["the picture stands still", 90.0]}
+    doubted = Run(second.scenario, (*second.records, doubt), second.folder)
+    without = coverage_of_flights([first, flight([20.0], "b", dawn)]).pod()
+    assert coverage_of_flights([first, doubted]).pod() == pytest.approx(without)
+
+
 def test_a_doubt_takes_back_no_other_flights_looks():
     doubt = {"t": 70.0, "kind": "look", "doubt": ["the picture stands still", 0.0]}
     doubted = flight([45.0], "b")
@@ -154,7 +173,6 @@ def test_flights_that_do_not_go_together_are_refused_by_name():
     other = {"polygon_enu_m": [[0, 0], [120, 0], [120, 61], [0, 61]]}
     refused = {
         "b: was flown with another area than a": field(area=other),
-        "b: was flown with another light than a": field(light={"sun_elevation_deg": 10.0}),
         "b: was flown with another camera than a": field(camera=CALIBRATED | {"hfov_rad": 1.3}),
         "b: was flown with another frame": field(home={"latitude_deg": 61.0}),
     }

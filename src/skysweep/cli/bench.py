@@ -22,7 +22,9 @@ _COLUMNS = {
     "flown_km": "flown [km]",
     "statistical_s": "statistical [s]",
     "statistical_mb": "[MB]",
-    "rendered_look_s": "look with picture [s]",
+    "rendered_ready_s": "ready for pictures [s]",
+    "rendered_look_s": "look [s]",
+    "rendered_s": "all looks [s]",
     "rendered_mb": "[MB]",
 }
 

@@ -317,7 +317,9 @@ def _pixels(canvas: U8, pixels: PixelFormat, dtype: type) -> NDArray[Any]:
     mean, std = np.array(pixels.mean, np.float32), np.array(pixels.std, np.float32)
     gains = np.float32(pixels.scale) / std
     for plane, gain, offset, out in zip(planes, gains, mean / std, wanted, strict=True):
-        np.subtract(plane * gain, offset, out=out, casting="same_kind")
+        np.multiply(plane, gain, out=out, casting="same_kind")
+        if offset:
+            np.subtract(out, offset, out=out, casting="same_kind")
     return wanted
 
 

@@ -17,13 +17,11 @@ from numpy.typing import NDArray
 from skysweep.arrays import F64
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.mission.fence import Fence
+from skysweep.planning.relief import BRAKING_S, CLIMB_SHARE, ROOM_M
 from skysweep.scenarios.model import Scenario
 from skysweep.types import XY, Waypoint
 from skysweep.worlds.obstacles import Obstacles, keep_m
 
-_ROOM_M = 0.5  # extra distance for control errors
-_BRAKING_S = 1.5  # to a stop, from any speed
-_CLIMB_SHARE = 0.5  # of the climb speed that is planned with on a leg
 _IN_PICTURE_M = 1.2  # from the picture's edges, for errors of hovering and position
 _FINENESS = 12  # places tried per height of the vehicle
 _LEVEL_M = 2.0  # between the heights tried
@@ -56,7 +54,7 @@ class Clearance:
         x, y, z = here_enu_m.tolist()
         height_m = ground_m + waypoint.altitude_agl_m
         if min(z, height_m) < self._clear_above_m:
-            aim_m, least_m, near_m = -math.inf, -math.inf, _BRAKING_S * waypoint.speed_mps
+            aim_m, least_m, near_m = -math.inf, -math.inf, BRAKING_S * waypoint.speed_mps
             for begin, end in pairwise([(x, y), *way]):
                 leg_aim_m, leg_least_m = self._obstacles.heights_along(
                     begin,
@@ -64,12 +62,12 @@ class Clearance:
                     self._keep_m,
                     min(self._keep_m, waypoint.altitude_agl_m),
                     near_m,
-                    _CLIMB_SHARE * self._climb_mps / waypoint.speed_mps,
+                    CLIMB_SHARE * self._climb_mps / waypoint.speed_mps,
                 )
                 aim_m, least_m = max(aim_m, leg_aim_m), max(least_m, leg_least_m)
                 near_m -= math.dist(begin, end)
             if aim_m > height_m:
-                height_m = aim_m + _ROOM_M
+                height_m = aim_m + ROOM_M
             if z < least_m:
                 self._held_xy = self._held_xy or (x, y)
                 return (*self._held_xy, height_m)
@@ -94,7 +92,7 @@ class Clearance:
         rises_m = float(terrain.height_m(places).max()) - terrain.height_at_m(*waypoint.xy_enu_m)
         if rises_m + min(self._keep_m, altitude_m) <= altitude_m:
             return waypoint
-        return waypoint._replace(altitude_agl_m=rises_m + self._keep_m + _ROOM_M)
+        return waypoint._replace(altitude_agl_m=rises_m + self._keep_m + ROOM_M)
 
     def _clear_of_solids(self, waypoint: Waypoint) -> Waypoint | None:
         if not len(self._obstacles.solids):
@@ -134,13 +132,13 @@ class Clearance:
         return offsets[np.argsort(np.hypot(*offsets.T), kind="stable")]
 
     def _is_clear(self, places: F64, height_m: float) -> NDArray[np.bool_]:
-        away_m = self._keep_m + _ROOM_M
+        away_m = self._keep_m + ROOM_M
         return self._obstacles.top_within_m(places, away_m) + away_m <= height_m
 
 
 def too_high(scenario: Scenario, obstacles: Obstacles) -> list[shapely.Polygon]:
     """Outlines, with clearance, of obstacles too high to fly over below the ceiling."""
     tops = obstacles.solids[:, 8] - obstacles.terrain.height_m(obstacles.solids[:, :2])
-    least_m = keep_m(scenario) + _ROOM_M
+    least_m = keep_m(scenario) + ROOM_M
     high = tops + least_m > scenario.safety.altitude_max_agl_m
     return list(shapely.buffer(obstacles.outlines()[high], least_m)) if high.any() else []

@@ -12,8 +12,8 @@ from itertools import pairwise
 import numpy as np
 
 from skysweep.mission.fence import Fence
-from skysweep.planning.flight_plan import DRAG_PER_S, GUSTS, LEG_LAG_S, landing_time_s
-from skysweep.planning.relief import lost_over_hills_s
+from skysweep.planning.flight_plan import DRAG_PER_S, GUSTS, LEG_LAG_S, hover_s_over, landing_time_s
+from skysweep.planning.relief import over_hills
 from skysweep.scenarios.model import Scenario
 from skysweep.types import XY, VehicleState, Waypoint
 from skysweep.worlds.obstacles import keep_m
@@ -42,7 +42,7 @@ class ReturnEnergy:
         self._look_s = look_s
 
     def home_wh(self, xy: XY, altitude_agl_m: float, wind_xy_mps: XY) -> float:
-        """Climb to the return altitude, way home and landing; inf if there is no way.
+        """Climb to the return altitude, way home and landing; inf where the wind allows none.
 
         In a wind that is stronger than the mean by ``GUSTS``.
         """
@@ -75,9 +75,9 @@ class ReturnEnergy:
     def _way_wh(
         self, start: XY, end: XY, speed_mps: float, wind: XY, begins_agl_m: float, altitude_agl_m: float
     ) -> float:
-        way = [start, *self._fence.way(start, end)]
+        way = [start, *(self._fence.way(start, end) or [end])]
         level_wh = sum(self._leg_wh(a, b, speed_mps, wind) for a, b in pairwise(way))
-        lost_s = lost_over_hills_s(
+        hills = over_hills(
             np.array([way]),
             np.array([speed_mps]),
             begins_agl_m,
@@ -86,7 +86,8 @@ class ReturnEnergy:
             self._vehicle,
             self._terrain,
         )
-        return level_wh + self.power_w(math.hypot(*wind)) * lost_s.item() / 3600.0
+        hover_s = hover_s_over(hills, self._vehicle).item()
+        return level_wh + self.power_w(math.hypot(*wind)) * hover_s / 3600.0
 
     def _leg_wh(self, start: XY, end: XY, speed_mps: float, wind: XY) -> float:
         east, north = end[0] - start[0], end[1] - start[1]

@@ -182,6 +182,7 @@ class Guard:
         self._looks.trust(state.time_s, lost, silent)
         if state.taken_over:
             self._led_away = True
+            self._homeward.restart()
             return (_keeps_out(state.taken_over),)
         if self._word == "hold":
             judged = phase is Phase.RETURN and not (lost or silent)
@@ -189,7 +190,7 @@ class Guard:
             found += self._held(asks)
         if phase is Phase.RETURN:
             waits = silent or max((a.action for a in found), default=None) is Action.HOLD
-            found += self._progress_home(state, now_s, waits)
+            found += self._progress_home(state, now_s, waits, goal)
         found += self._rate()
         if phase is not Phase.SEARCH:
             return tuple(found)
@@ -482,13 +483,16 @@ class Guard:
             action = Action.HOLD if blown_s < self._limits.wind_hold_s else Action.RETURN
             yield Alarm(action, "wind", f"The wind blows at {speed_mps:.0f} m/s.")
 
-    def _progress_home(self, state: VehicleState, now_s: float, waits: bool) -> Iterator[Alarm]:
-        """Land here if there is no progress towards home, as in strong wind. A climb is progress."""
+    def _progress_home(
+        self, state: VehicleState, now_s: float, waits: bool, goal: Setpoint | None
+    ) -> Iterator[Alarm]:
+        """Land here without progress towards home, as in strong wind; a climb that was asked for is some."""
         x, y, z = state.position_enu_m.tolist()
         distance_m = math.dist((x, y), self._home)
+        asked_m = -math.inf if goal is None else goal.position_enu_m.item(2)
         if waits:
             self._homeward.restart()
-        elif self._homeward.stuck_s(now_s, self._home, distance_m, z) > _NO_WAY_HOME_S:
+        elif self._homeward.stuck_s(now_s, self._home, distance_m, min(z, asked_m)) > _NO_WAY_HOME_S:
             yield Alarm(Action.LAND, "no way home", f"No way home, {distance_m:.0f} m away: landing here.")
 
     def _obedience(self, state: VehicleState, goal: Setpoint | None, now_s: float) -> Iterator[Alarm]:

@@ -22,8 +22,9 @@ from skysweep.errors import UserError
 from skysweep.planning.coverage import CoveragePlan, plan_coverage
 from skysweep.planning.hills import plan_over_hills, with_profiles
 from skysweep.planning.qgc import coverage_from_qgc, read_plan
-from skysweep.planning.relief import lost_over_hills_s
-from skysweep.scenarios.model import Scenario
+from skysweep.planning.relief import Hills, over_hills
+from skysweep.scenarios.model import Scenario, VehicleLimits
+from skysweep.worlds.obstacles import keep_m
 from skysweep.worlds.world import build_terrain
 
 ACCEPTANCE_M = 2.0  # PX4 NAV_ACC_RAD: a waypoint counts as reached
@@ -34,6 +35,7 @@ LAND_SPEED_MPS, LAND_SLOW_BELOW_M, LAND_SLOW_FROM_M = 0.7, 5.0, 10.0  # PX4 MPC_
 DRAG_PER_S = 1.0  # deceleration by drag in m/s2 for each m/s of air speed (PX4 SIH_KDV, 1 kg)
 GUSTS = 0.05  # of the mean wind, that it is stronger on the way home than it was told to be
 CHARGED = 0.8  # share of a battery from which it is good for one of several sorties
+_G = 9.81
 _SLOWEST_MPS = 1.0  # over ground
 _BREAK_EVERY_M = 20.0  # where a flight may be broken off for another battery
 _ALTITUDE_SLACK_M = 1.0
@@ -105,16 +107,15 @@ def estimate_flight(
     landing = Spent.at(landing_time_s(altitude, vehicle.descent_speed_mps), hover_w)
     terrain = build_terrain(scenario)
 
-    def over_hills(starts: F64, ends: F64, speed_mps: float) -> Spent:
+    def of_hills(starts: F64, ends: F64, speed_mps: float) -> Spent:
         ways, speeds = np.stack([starts, ends], axis=1), np.full(len(starts), speed_mps)
-        keep_m = scenario.safety.clearance_m
-        lost_s = lost_over_hills_s(ways, speeds, altitude, altitude, keep_m, vehicle, terrain)
-        return Spent(lost_s, lost_s * hover_w / 3600.0)
+        hills = over_hills(ways, speeds, altitude, altitude, keep_m(scenario), vehicle, terrain)
+        return Spent(hills.lost_s, hover_s_over(hills, vehicle) * hover_w / 3600.0)
 
     scan_mps, cruise_mps = scenario.search.scan_speed_mps, vehicle.cruise_speed_mps
     out = _legs(home, stops, scan_mps, scenario) + climb
     again = _legs(home, stops, cruise_mps, scenario) + climb
-    down = landing + over_hills(stops, home, cruise_mps)
+    down = landing + of_hills(stops, home, cruise_mps)
     back = _legs(stops, home, cruise_mps, scenario) + down
     kept = _legs(stops, home, cruise_mps, scenario, GUSTS) + down
 
@@ -123,7 +124,7 @@ def estimate_flight(
     at = 0
     while True:
         there, there_mps = (again, cruise_mps) if ends else (out, scan_mps)
-        there = there[at] + over_hills(home[:1], stops[at : at + 1], there_mps)[0]
+        there = there[at] + of_hills(home[:1], stops[at : at + 1], there_mps)[0]
         most = int(np.searchsorted(path.energy_wh, path.energy_wh[at] + vehicle.battery_wh)) + 1
         reach = slice(at, max(at + 2, most))
         search = path[reach] + Spent(there.time_s - path.time_s[at], there.energy_wh - path.energy_wh[at])
@@ -213,6 +214,14 @@ def leg_time_s(distance_m: ArrayLike, speed_mps: ArrayLike) -> F64:
     return np.where(distance > ACCEPTANCE_M, LEG_LAG_S + cruise + approach, 0.0)
 
 
+def hover_s_over(hills: Hills, vehicle: VehicleLimits) -> F64:
+    """Seconds (K,) of hovering that take the energy of hills: the time lost, and climbs less descents."""
+    up = (1.0 + DRAG_PER_S * vehicle.climb_speed_mps / _G) ** 1.5 - 1.0
+    down = 1.0 - max(0.0, 1.0 - DRAG_PER_S * vehicle.descent_speed_mps / _G) ** 1.5
+    climbs_s = hills.up_m * up / vehicle.climb_speed_mps - hills.down_m * down / vehicle.descent_speed_mps
+    return np.asarray(hills.lost_s + np.maximum(climbs_s, 0.0))
+
+
 def landing_time_s(height_m: float, descent_speed_mps: float) -> float:
     """Seconds to touchdown from ``height_m``: PX4 slows linearly down to its land speed on the way."""
     land = min(LAND_SPEED_MPS, descent_speed_mps)
@@ -223,7 +232,7 @@ def landing_time_s(height_m: float, descent_speed_mps: float) -> float:
 
 def _power_w(scenario: Scenario, air_speed_mps: ArrayLike) -> F64:
     """Power of level flight at air speeds (K,)."""
-    thrust_to_weight = np.hypot(1.0, DRAG_PER_S * np.asarray(air_speed_mps, dtype=float) / 9.81)
+    thrust_to_weight = np.hypot(1.0, DRAG_PER_S * np.asarray(air_speed_mps, dtype=float) / _G)
     return np.asarray(scenario.vehicle.hover_power_w * thrust_to_weight**1.5)
 
 

@@ -1,13 +1,14 @@
-"""What hills cost on a straight way that no profile was planned for: out to the search, on to it, and home.
+"""What hills cost on a way that no profile was planned for: out to the search, on to it, and home.
 
-The vehicle follows the ground ahead at a height above it, as its climb and descent allow. It waits where it
-would come nearer to the ground than it should, and is too high or too low at the end of a way that falls or
-rises faster than it does (``mission/loop.py`` flies it so).
+The vehicle follows the ground ahead at a height above it, climbs early for what rises beyond, and waits where
+it would come nearer to the ground than it should. At the end of a way that falls or rises faster than it does
+it is too high or too low (``mission/loop.py`` and ``mission/clearance.py`` fly it so).
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -17,10 +18,24 @@ from skysweep.planning.following import LOOK_AHEAD_S, STATION_M
 from skysweep.scenarios.model import VehicleLimits
 from skysweep.worlds.world import TerrainSurface, bilinear_at
 
-_MOST_STATIONS = 256  # of one leg
+ROOM_M = 0.5  # extra distance from what is in the way, for control errors
+BRAKING_S = 1.5  # to a stop, from any speed
+CLIMB_SHARE = 0.5  # of the climb speed that is planned with for what is ahead
+_MOST_STATIONS = 1024  # of one leg
+
+_Bounds = tuple[float, float, float, float]
+_Rules = tuple[float, float, float, float, float]
 
 
-def lost_over_hills_s(
+class Hills(NamedTuple):
+    """What they cost on ways (K,)."""
+
+    lost_s: F64  # longer than over level ground
+    up_m: F64  # climbed in all, from the first place to the last
+    down_m: F64
+
+
+def over_hills(
     ways_xy_enu_m: F64,
     speeds_mps: F64,
     above_m: float,
@@ -28,56 +43,82 @@ def lost_over_hills_s(
     keep_m: float,
     vehicle: VehicleLimits,
     terrain: TerrainSurface,
-) -> F64:
-    """Seconds (K,) that ways (K, N, 2) through N places take longer than over level ground.
+) -> Hills:
+    """Ways (K, N, 2) through N places, flown at speeds (K,) over ground and at ``altitude_agl_m``.
 
-    They are flown at these speeds (K,) over ground and at ``altitude_agl_m``, begin ``above_m`` over the
-    ground, and end when the vehicle has that altitude again. ``keep_m`` is how near the ground may come.
+    They begin ``above_m`` over the ground, and end when the vehicle has that altitude again. ``keep_m`` is
+    how near the ground may come.
     """
+    n, climb_mps, sink_mps = len(ways_xy_enu_m), vehicle.climb_speed_mps, vehicle.descent_speed_mps
+    ways, speeds = np.asarray(ways_xy_enu_m, dtype=float), np.asarray(speeds_mps, dtype=float)
     if terrain.is_flat:
-        return np.zeros(len(ways_xy_enu_m))
-    climb_mps, sink_mps = vehicle.climb_speed_mps, vehicle.descent_speed_mps
-    return np.asarray(
-        _lost_s(
-            terrain.heights_m,
-            terrain.bounds_enu_m,
-            np.asarray(ways_xy_enu_m, dtype=float),
-            np.asarray(speeds_mps, dtype=float),
-            (above_m, altitude_agl_m, min(keep_m, altitude_agl_m), climb_mps, sink_mps),
-        )
-    )
+        up_m, down_m = max(altitude_agl_m - above_m, 0.0), max(above_m - altitude_agl_m, 0.0)
+        upright_s = up_m / climb_mps + down_m / sink_mps
+        lasts_s = np.linalg.norm(np.diff(ways, axis=1), axis=2).sum(axis=1) / speeds
+        return Hills(np.maximum(upright_s - lasts_s, 0.0), np.full(n, up_m), np.full(n, down_m))
+    rules = above_m, altitude_agl_m, min(keep_m, altitude_agl_m), climb_mps, sink_mps
+    return Hills(*_over_hills(terrain.heights_m, terrain.bounds_enu_m, ways, speeds, rules))
 
 
 @njit(cache=True)
-def _lost_s(
-    grid: F64,
-    bounds: tuple[float, float, float, float],
-    ways: F64,
-    speeds: F64,
-    heights_rates: tuple[float, float, float, float, float],
-) -> F64:
-    above, altitude, keep, climb, sink = heights_rates
-    lost = np.zeros(len(ways))
+def _over_hills(grid: F64, bounds: _Bounds, ways: F64, speeds: F64, rules: _Rules) -> tuple[F64, F64, F64]:
+    lost, up, down = np.zeros(len(ways)), np.zeros(len(ways)), np.zeros(len(ways))
     for k in range(len(ways)):
-        way, speed = ways[k], speeds[k]
-        height = bilinear_at(grid, bounds, way[0, 0], way[0, 1]) + above
-        for leg in range(len(way) - 1):
-            x, y = way[leg]
-            east, north = way[leg + 1, 0] - x, way[leg + 1, 1] - y
-            length = math.hypot(east, north)
-            stations = min(max(1, math.ceil(length / STATION_M)), _MOST_STATIONS)
-            ahead = min(1.0, speed * LOOK_AHEAD_S / max(length, 1e-6))
-            passing = length / stations / speed
-            for s in range(1, stations + 1):
-                share = s / stations
-                here = bilinear_at(grid, bounds, x + share * east, y + share * north)
-                share = min(1.0, share + ahead)
-                there = bilinear_at(grid, bounds, x + share * east, y + share * north)
-                wanted = max(here, there) + altitude
-                height = min(max(wanted, height - sink * passing), height + climb * passing)
-                if height < here + keep:
-                    lost[k] += (here + keep - height) / climb
-                    height = here + keep
-        end = bilinear_at(grid, bounds, way[-1, 0], way[-1, 1]) + altitude
-        lost[k] += (height - end) / sink if height > end else (end - height) / climb
-    return lost
+        along, ground = _stations(grid, bounds, ways[k])
+        lost[k], up[k], down[k] = _flown(along, ground, speeds[k], rules)
+    return lost, up, down
+
+
+@njit(cache=True)
+def _stations(grid: F64, bounds: _Bounds, way: F64) -> tuple[F64, F64]:
+    """How far stations (S,) lie along a way (N, 2), and how high the ground is there."""
+    counts = np.empty(len(way) - 1, dtype=np.int64)
+    for leg in range(len(counts)):
+        length = math.hypot(way[leg + 1, 0] - way[leg, 0], way[leg + 1, 1] - way[leg, 1])
+        counts[leg] = min(max(1, math.ceil(length / STATION_M)), _MOST_STATIONS)
+    along, ground = np.zeros(counts.sum() + 1), np.empty(counts.sum() + 1)
+    ground[0] = bilinear_at(grid, bounds, way[0, 0], way[0, 1])
+    s = 0
+    for leg in range(len(counts)):
+        east, north = way[leg + 1] - way[leg]
+        step = math.hypot(east, north) / counts[leg]
+        for i in range(1, counts[leg] + 1):
+            s, share = s + 1, i / counts[leg]
+            along[s] = along[s - 1] + step
+            x, y = way[leg, 0] + share * east, way[leg, 1] + share * north
+            ground[s] = bilinear_at(grid, bounds, x, y)
+    return along, ground
+
+
+@njit(cache=True)
+def _flown(along: F64, ground: F64, speed: float, rules: _Rules) -> tuple[float, float, float]:
+    """Seconds lost, metres up and metres down over stations (S,)."""
+    above, altitude, keep, climb, sink = rules
+    slope = CLIMB_SHARE * climb / speed
+    last = len(along) - 1
+    rising = ground.copy()  # the height at which a climb for all that is ahead has begun
+    for s in range(last - 1, -1, -1):
+        rising[s] = max(ground[s], rising[s + 1] - slope * (along[s + 1] - along[s]))
+    lost, up, down = 0.0, 0.0, 0.0
+    height = ground[0] + above
+    near, ahead = 0, 0
+    for s in range(last + 1):
+        while near < last and along[near + 1] <= along[s] + BRAKING_S * speed:
+            near += 1
+        while ahead < last and along[ahead] < along[s] + LOOK_AHEAD_S * speed:
+            ahead += 1
+        least = ground[s : near + 1].max() + keep
+        wanted = max(ground[s], ground[ahead]) + altitude
+        if max(least, rising[near] + keep) > wanted:
+            wanted = max(least, rising[near] + keep) + ROOM_M
+        before = height
+        lasts = (along[s] - along[s - 1]) / speed if s > 0 else 0.0
+        height = min(max(wanted, height - sink * lasts), height + climb * lasts)
+        if height < least:
+            lost += (least - height) / climb
+            height = least
+        up += max(height - before, 0.0)
+        down += max(before - height, 0.0)
+    off = ground[last] + altitude - height
+    lost += off / climb if off > 0.0 else -off / sink
+    return lost, up + max(off, 0.0), down + max(-off, 0.0)

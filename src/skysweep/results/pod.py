@@ -14,7 +14,7 @@ from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraMotion, CameraPose, pose_between
 from skysweep.results.run_folder import Run
-from skysweep.scenarios.model import Scenario
+from skysweep.scenarios.model import Light, Scenario
 from skysweep.sensing.statistical.model import StatisticalModel, model_for
 from skysweep.sensing.statistical.searched_area import SearchedArea, motion_between
 from skysweep.types import SEARCHING, Doubt, Mode
@@ -53,7 +53,8 @@ class CoverageMap:
         self._states: deque[_State] = deque()  # the newest, as many as answers may still be about
         self._due_s: deque[float] = deque()  # exposures that were answered and not looked at yet
         self._looks: list[tuple[float, CameraPose, CameraMotion]] = []  # all that count, by exposure
-        self._looks_before: list[tuple[float, CameraPose, CameraMotion]] = []  # of other journals
+        self._light = scenario.light
+        self._looks_before: list[tuple[Light, CameraPose, CameraMotion]] = []  # of other journals
 
     @classmethod
     def of(cls, scenario: Scenario) -> CoverageMap | None:
@@ -77,13 +78,14 @@ class CoverageMap:
         elif kind == "setup":
             self._keeps_looks = line.get("sensor") == "imaging"
 
-    def begin_journal(self) -> None:
-        """The next lines are of another flight, which adds to what was seen."""
+    def begin_journal(self, light: Light) -> None:
+        """The next lines are of another flight under this sun, which adds to what was seen."""
         self._states.clear()
         self._due_s.clear()
         self._keeps_looks = False
-        self._looks_before += self._looks
-        self._looks = []
+        self._looks_before += [(self._light, pose, motion) for _, pose, motion in self._looks]
+        self._looks, self._light = [], light
+        self._cells.light_by(light)
 
     def _state(self, line: Mapping[str, Any]) -> None:
         camera = line.get("cam")
@@ -139,8 +141,11 @@ class CoverageMap:
         if len(kept) < len(self._looks):
             self._looks = kept
             self._cells.clear()
-            for _, pose, motion in (*self._looks_before, *kept):
+            now = [(self._light, pose, motion) for _, pose, motion in kept]
+            for light, pose, motion in (*self._looks_before, *now):
+                self._cells.light_by(light)
                 self._cells.look(pose, motion)
+            self._cells.light_by(self._light)
 
 
 def coverage_of(run: Run, instead: str = "do without the coverage") -> CoverageMap:
@@ -168,9 +173,9 @@ def coverage_of_flights(runs: Sequence[Run], instead: str = "do without the cove
         if other is not None:
             raise UserError(
                 f"{run.folder}: was flown with another {other} than {first.folder}; name flights that share "
-                "area, ground, light, targets, camera and detector"
+                "area, ground, targets, camera and detector"
             )
-        coverage.begin_journal()
+        coverage.begin_journal(run.scenario.light)
         for line in run.records:
             coverage.add(line)
     return coverage
@@ -197,7 +202,6 @@ def _seen_with(scenario: Scenario) -> dict[str, Any]:
         "frame (home)": s.frame,
         "area": s.area_enu_m,
         "ground": (s.terrain, s.trees, s.forests, s.buildings, s.buildings_file, s.roads_file),
-        "light": s.light,
         "kind of target": (s.target_sizes_m, s.target_poses),
         "camera": s.camera,
         "detector": s.detector,

@@ -99,8 +99,9 @@ class SearchedCells:
     ) -> None:
         self._wanted, self._centres = wanted, centres_enu_m[wanted]
         self._solids, self._grid, self._relief = solids, Grid.of(solids[:, :2], solids[:, 9]), relief(terrain)
-        to_sun, largest_m = np.array(light.to_sun_enu), max(high for _, high in sizes_m.values())
-        self._shades = shades(self._centres, largest_m, to_sun, solids, *self._grid)
+        self._largest_m = max(high for _, high in sizes_m.values())
+        self._shades_by: dict[tuple[float, float, float], F64] = {}
+        self.light_by(light)
         cover = terrain.cover
         names = (terrain.surface,) if cover is None else cover.names
         self._ground = np.zeros(len(self._centres), dtype=np.int64)
@@ -120,6 +121,15 @@ class SearchedCells:
         self._tree = PointTree.of(self._centres, float(variants["middle"].max()))
         self._room = np.empty(len(self._centres) + 2 * len(solids), dtype=np.int64)
         self.clear()
+
+    def light_by(self, light: Light) -> None:
+        """The next looks are under this sun."""
+        to_sun = light.to_sun_enu
+        if to_sun not in self._shades_by:
+            self._shades_by[to_sun] = shades(
+                self._centres, self._largest_m, np.array(to_sun), self._solids, *self._grid
+            )
+        self._shades = self._shades_by[to_sun]
 
     def clear(self) -> None:
         """Forget all looks."""
