@@ -578,6 +578,19 @@ def test_no_progress_home_means_landing():
     assert actions == [None, None, Action.LAND]
 
 
+def test_a_way_round_a_no_fly_area_that_leads_away_is_progress_home():
+    """Out of a cul-de-sac of 500 m, at 5 m/s: the straight way home grows for 100 s."""
+    walls = [[100, -50], [900, -50], [900, -30], [120, -30], [120, 30], [900, 30], [900, 50], [100, 50]]
+    watched = Watched(
+        safety={"no_fly_enu_m": [walls]}, geofence_enu_m=[[-50, -200], [1500, -200], [1500, 200], [-50, 200]]
+    )
+    times = np.arange(0.0, 150.0, 5.0)
+    told = [watched(state(t=t, x=150.0 + 5.0 * t), phase=Phase.RETURN) for t in times]
+    assert not [alarms for alarms in told if "no way home" in alarms]
+    held = [watched(state(t=t, x=800.0), phase=Phase.RETURN) for t in times + 150.0]
+    assert "no way home" in held[-1]
+
+
 def test_a_climb_before_a_ridge_is_progress_home_and_bobbing_is_none():
     def told(height_m):
         watched, times = Watched(), np.arange(0.0, 100.0, 5.0)

@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum, IntEnum, auto
+from itertools import pairwise
 
 import numpy as np
 
@@ -488,7 +489,8 @@ class Guard:
     ) -> Iterator[Alarm]:
         """Land here without progress towards home, as in strong wind; a climb that was asked for is some."""
         x, y, z = state.position_enu_m.tolist()
-        distance_m = math.dist((x, y), self._home)
+        way = [(x, y), *(self._fence.way((x, y), self._home) or [self._home])]
+        distance_m = sum(math.dist(a, b) for a, b in pairwise(way))
         asked_m = -math.inf if goal is None else goal.position_enu_m.item(2)
         if waits:
             self._homeward.restart()

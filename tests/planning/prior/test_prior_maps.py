@@ -257,7 +257,7 @@ def test_a_geotiff_in_a_local_crs_is_refused(tmp_path):
                        transform=rasterio.Affine(10.0, 0.0, 0.0, 0.0, -10.0, 30.0)) as file:  # fmt: skip
         file.write(np.ones((3, 3), dtype="float32"), 1)
     for read in (lambda: read_map(path), lambda: read_map(path, FRAME), lambda: read_heights(path, here)):
-        with pytest.raises(UserError, match=r"local\.tif: is in a local CRS .* save it in EPSG:4326"):
+        with pytest.raises(UserError, match=r"local\.tif: is in a CRS that is local .* save it in EPSG:4326"):
             read()
 
 
