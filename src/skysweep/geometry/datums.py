@@ -7,15 +7,18 @@ import math
 import pyproj
 
 
-def is_geocentric(crs: pyproj.CRS) -> bool:
-    """Whether it is on the ellipsoid of WGS 84 or GRS 80, as all geocentric datums are.
+def may_be_wgs84(crs: pyproj.CRS) -> bool:
+    """Whether its datum may be taken for WGS 84 where PROJ knows no transformation (``allow_ballpark``).
 
-    Where PROJ knows no transformation to WGS 84 it takes the datums for one (``allow_ballpark``). For these
-    that errs by a metre or two; on any other ellipsoid it would err by 100 m and more.
+    On the ellipsoids of WGS 84 and GRS 80 that errs by a metre or two, as all their datums are geocentric. By
+    convention the latitudes of a sphere (MODIS, say) are those of WGS 84. On any other ellipsoid it would err
+    by 100 m and more.
     """
     ellipsoid = crs.ellipsoid
-    return (
-        ellipsoid is not None
-        and ellipsoid.semi_major_metre == 6378137.0
-        and math.isclose(ellipsoid.inverse_flattening, 298.257, abs_tol=1e-3)
+    if ellipsoid is None:
+        return False
+    flattening = ellipsoid.inverse_flattening
+    is_geocentric = ellipsoid.semi_major_metre == 6378137.0 and math.isclose(
+        flattening, 298.257, abs_tol=1e-3
     )
+    return is_geocentric or flattening == 0.0

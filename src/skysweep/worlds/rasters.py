@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from skysweep.arrays import F64, U8
 from skysweep.errors import MissingExtraError, UserError
-from skysweep.geometry.datums import is_geocentric
+from skysweep.geometry.datums import may_be_wgs84
 from skysweep.geometry.frames import LocalFrame
 
 Bounds = tuple[float, float, float, float]  # west, south, east, north
@@ -177,7 +177,7 @@ class GeoTiff:
     def _from_wgs84(self) -> pyproj.Transformer:
         try:
             return pyproj.Transformer.from_crs(
-                "EPSG:4326", self.crs.to_2d(), always_xy=True, allow_ballpark=is_geocentric(self.crs)
+                "EPSG:4326", self.crs.to_2d(), always_xy=True, allow_ballpark=may_be_wgs84(self.crs)
             )
         except pyproj.exceptions.ProjError:
             raise self.error(

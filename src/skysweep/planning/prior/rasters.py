@@ -14,7 +14,7 @@ from scipy import ndimage
 
 from skysweep.arrays import F64
 from skysweep.errors import UserError
-from skysweep.geometry.datums import is_geocentric
+from skysweep.geometry.datums import may_be_wgs84
 from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.prior.checks import MAX_CELLS, checked_poa
 from skysweep.planning.prior.maps import FARTHEST_M, ProbabilityMap, grid_over
@@ -113,7 +113,7 @@ class Raster:
     def _to_wgs84(self) -> pyproj.Transformer:
         try:
             return pyproj.Transformer.from_crs(
-                self.crs, "EPSG:4326", always_xy=True, allow_ballpark=is_geocentric(self.crs)
+                self.crs, "EPSG:4326", always_xy=True, allow_ballpark=may_be_wgs84(self.crs)
             )
         except pyproj.exceptions.ProjError:
             raise UserError(
