@@ -24,7 +24,7 @@ _COLUMNS = {
     "statistical_mb": "[MB]",
     "rendered_ready_s": "ready for pictures [s]",
     "rendered_look_s": "look [s]",
-    "rendered_s": "all looks [s]",
+    "rendered_s": "whole scan [s]",
     "rendered_mb": "[MB]",
 }
 

@@ -488,13 +488,14 @@ class Guard:
         self, state: VehicleState, now_s: float, waits: bool, goal: Setpoint | None
     ) -> Iterator[Alarm]:
         """Land here without progress towards home, as in strong wind; a climb that was asked for is some."""
+        if waits:
+            self._homeward.restart()
+            return
         x, y, z = state.position_enu_m.tolist()
         way = [(x, y), *(self._fence.way((x, y), self._home) or [self._home])]
         distance_m = sum(math.dist(a, b) for a, b in pairwise(way))
         asked_m = -math.inf if goal is None else goal.position_enu_m.item(2)
-        if waits:
-            self._homeward.restart()
-        elif self._homeward.stuck_s(now_s, self._home, distance_m, min(z, asked_m)) > _NO_WAY_HOME_S:
+        if self._homeward.stuck_s(now_s, self._home, distance_m, min(z, asked_m)) > _NO_WAY_HOME_S:
             yield Alarm(Action.LAND, "no way home", f"No way home, {distance_m:.0f} m away: landing here.")
 
     def _obedience(self, state: VehicleState, goal: Setpoint | None, now_s: float) -> Iterator[Alarm]:

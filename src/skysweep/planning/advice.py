@@ -137,6 +137,8 @@ def _about_plan(search: Search, cover_altitude_agl_m: float | None) -> Iterator[
 def _about_way(scenario: Scenario) -> Iterator[str]:
     """A path through no-fly areas, and a mast and ways beyond the ground that is known."""
     rings, mast = scenario.safety.no_fly_enu_m, scenario.safety.radio_mast_enu_m
+    if scenario.search.plan is None and not rings and mast is None:
+        return
     terrain = build_terrain(scenario)
     known = shapely.box(*terrain.bounds_enu_m)
     if mast is not None and not terrain.is_flat and (away_m := known.distance(shapely.Point(mast))) > 0.0:
