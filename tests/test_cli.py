@@ -1,16 +1,13 @@
-"""The command line as a user meets it: real processes, exit codes, one clear sentence for bad input."""
+"""The command line as a user meets it: processes, exit codes, one clear sentence for bad input."""
 
 import json
 import shutil
-import subprocess
-import sys
 
 import pytest
 import yaml
 
 from skysweep.detection.model_files import own_model_path
-
-SKYSWEEP = [sys.executable, "-m", "skysweep.cli"]
+from warm import run_skysweep as skysweep
 
 GOOD = """\
 name: test
@@ -22,12 +19,6 @@ camera: {hfov_rad: 1.2}
 targets:
   - {class: stop sign, position_enu_m: [20, 20], size_m: 0.9}
 """
-
-
-def skysweep(*arguments, cwd):
-    return subprocess.run(
-        [*SKYSWEEP, *map(str, arguments)], cwd=cwd, capture_output=True, text=True, timeout=300
-    )
 
 
 def refused(result, *words):

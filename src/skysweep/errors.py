@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+CLONE = Path(__file__).parents[2]  # where the code is that of a checkout
+
 
 class UserError(Exception):
     """A problem with what the user gave us, told in one sentence that names the field and the fix.
@@ -20,7 +22,17 @@ class MissingExtraError(UserError):
     """An optional dependency is not installed; the message names the extra that brings it."""
 
     def __init__(self, what: str, extra: str) -> None:
-        super().__init__(f"{what} needs an optional part: install it with  pip install 'skysweep[{extra}]'")
+        super().__init__(f"{what} needs an optional part: install it with  {install_command(extra)}")
+
+
+def install_command(extra: str) -> str:
+    """The command that installs an optional part here: a clone's own, which knows more than pip does."""
+    return f"tools/setup.sh {extra}" if is_clone() else f"pip install 'skysweep[{extra}]'"
+
+
+def is_clone() -> bool:
+    """Whether this is the code of a checkout."""
+    return (CLONE / "tools" / "setup.sh").is_file()
 
 
 class CannotWriteError(UserError):

@@ -23,17 +23,21 @@ import signal
 import sys
 import tempfile
 import time
-import traceback
 import zipfile
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import yaml
+
+if __name__ == "__main__":
+    sys.path.append(str(Path(__file__).parents[1]))  # as pytest does
+from warm import Ended, forked, import_all
 
 MEMORY_BYTES = 2 * 10**9
 CPU_S = 20
@@ -53,62 +57,20 @@ class Case:
     out_bytes: int | None = None
 
 
-@dataclass(frozen=True)
-class Ended:
-    """How a case ended; a negative ``code`` is a signal's number."""
-
-    code: int
-    output: str
-    errors: str
-    cpu_s: float
-    peak_bytes: int  # of memory
-    before: Files
-    after: Files
-
-
 # --- running a case
 
 
-def run(case: Case, folder: Path) -> Ended:
-    """Run a case in a new, empty folder."""
+def run(case: Case, folder: Path) -> tuple[Ended, Files, Files]:
+    """Run a case in a new, empty folder; also what was in it before and after."""
     for name, content in case.files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(content)
     before = _content(folder)
-    with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as errors:
-        child = os.fork()
-        if child == 0:
-            with contextlib.suppress(BaseException):
-                _run_here(case, folder, output.fileno(), errors.fileno())
-            os._exit(70)
-        _, status, used = os.wait4(child, 0)
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(child, signal.SIGKILL)
-        texts = []
-        for file in (output, errors):
-            file.seek(0)
-            texts.append(file.read().decode(errors="replace"))
-    return Ended(
-        os.waitstatus_to_exitcode(status),
-        *texts,
-        used.ru_utime + used.ru_stime,
-        used.ru_maxrss * 1024,
-        before,
-        _content(folder),
-    )
+    ended = forked(case.command, folder, {**os.environ, "COLUMNS": "200"}, WALL_S, partial(_limit, case))
+    return ended, before, _content(folder)
 
 
-def _run_here(case: Case, folder: Path, output: int, errors: int) -> None:
-    from skysweep.cli import app
-
-    os.setsid()
-    os.chdir(folder)
-    for source, target in ((os.open(os.devnull, os.O_RDONLY), 0), (output, 1), (errors, 2)):
-        os.dup2(source, target)
-    sys.stdin = os.fdopen(0, closefd=False)
-    sys.stdout = os.fdopen(1, "w", encoding="utf-8", closefd=False)
-    sys.stderr = os.fdopen(2, "w", encoding="utf-8", errors="backslashreplace", closefd=False)
-    os.environ["COLUMNS"] = "200"
+def _limit(case: Case) -> None:
     address_space = _virtual_bytes() + MEMORY_BYTES
     resource.setrlimit(resource.RLIMIT_AS, (address_space, address_space))
     resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S + 1))
@@ -116,20 +78,6 @@ def _run_here(case: Case, folder: Path, output: int, errors: int) -> None:
     if case.out_bytes is not None:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (case.out_bytes, case.out_bytes))
-    signal.signal(signal.SIGALRM, signal.SIG_DFL)
-    signal.alarm(WALL_S)
-    code: Any = 0
-    try:
-        app(args=list(case.command), prog_name="skysweep")
-    except SystemExit as end:
-        code = end.code
-    except BaseException:
-        traceback.print_exc()
-        code = 70
-    for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(OSError):
-            stream.flush()
-    os._exit(code or 0)
 
 
 def _virtual_bytes() -> int:
@@ -148,7 +96,7 @@ def _content(folder: Path) -> Files:
 # --- judging it
 
 
-def faults(ended: Ended) -> list[str]:
+def faults(ended: Ended, before: Files, after: Files) -> list[str]:
     """What is wrong with how a case ended, a phrase each."""
     found = []
     if ended.code not in (0, 2):
@@ -169,9 +117,9 @@ def faults(ended: Ended) -> list[str]:
         )
         if not told_by_click and (len(told) != 1 or not ended.errors.endswith(f"{told[0]}\n")):
             found.append("not one sentence")
-        if changed := {name for name, _ in ended.before.items() ^ ended.after.items()}:
+        if changed := {name for name, _ in before.items() ^ after.items()}:
             found.append(f"left {sorted(changed)[:4]}")
-    if half := [name for name in ended.after if "unfinished" in name or re.search(r"\btmp\w{8}\b", name)]:
+    if half := [name for name in after if "unfinished" in name or re.search(r"\btmp\w{8}\b", name)]:
         found.append(f"left {half[:4]}")
     return found
 
@@ -633,8 +581,8 @@ def cases(inputs: Inputs, count: int, seed: int) -> Iterator[Case]:
 def judged(case: Case) -> tuple[Ended, list[str]]:
     """How a case ends in a folder of its own, and what is wrong with it."""
     with tempfile.TemporaryDirectory() as folder:
-        ended = run(case, Path(folder))
-    return ended, faults(ended)
+        ended, before, after = run(case, Path(folder))
+    return ended, faults(ended, before, after)
 
 
 @contextlib.contextmanager
@@ -648,22 +596,6 @@ def made_inputs() -> Inputs:
     """Made in a process of its own: Polars starts threads there."""
     with judges(1) as pool:
         return pool.submit(Inputs).result()
-
-
-def import_all() -> None:
-    """What commands import, once for all forks."""
-    import skysweep.cli
-    import skysweep.detection.training.evaluate
-    import skysweep.detection.yolo
-    import skysweep.experiments.paper.report
-    import skysweep.experiments.paper.run
-    import skysweep.experiments.sweep.report
-    import skysweep.experiments.sweep.run
-    import skysweep.experiments.tune.report
-    import skysweep.experiments.tune.run
-    import skysweep.flights.resume
-    import skysweep.planning.picture
-    import skysweep.results.writing  # noqa: F401
 
 
 def main() -> int:

@@ -164,15 +164,6 @@ def test_plans_scenarios_and_models_are_told_as_numbers(tmp_path):
     assert "classes" in model["model"]
 
 
-def test_a_comparison_is_told_with_open_bounds_as_null(tmp_path):
-    fewer_looks = ("--set", "camera.rate_hz=1")
-    where = ("--out", tmp_path / "paper")
-    compared = told("compare", "paper", "--seeds", "1", *FAST, *fewer_looks, *where, "--json")
-    assert len(compared["rows"]) == 8
-    assert compared["rows"][0]["mission_time_ci95_s"] == [None, None]
-    assert len(compared["baselines"]) == 6  # scan-only and belief in three scenarios
-
-
 def test_an_error_leaves_standard_output_empty():
     result = CliRunner().invoke(app, ["plan", "no-such-scenario", "--json"])
     assert result.exit_code == 2

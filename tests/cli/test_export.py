@@ -119,7 +119,7 @@ def test_a_damaged_journal_is_refused_with_the_remedy(flown, broken_off):
 
 def test_without_rasterio_the_extra_is_named(flown, monkeypatch):
     monkeypatch.setitem(sys.modules, "rasterio", None)
-    refused("pip install 'skysweep[geo]'", flown, "--format", "geotiff")
+    refused("tools/setup.sh geo", flown, "--format", "geotiff")
 
 
 def test_the_help_has_examples():

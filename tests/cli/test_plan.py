@@ -38,6 +38,18 @@ def test_a_plan_says_what_is_seen_and_where_the_sun_stands(tmp_path):
     assert "each of" in plan("person-wilderness", "--out", str(tmp_path)).stdout
 
 
+def test_a_drawn_plan_is_not_replaced_by_the_one_made_from_it(tmp_path, monkeypatch):
+    """``--out plan`` is the default, and the plan's name that of the file."""
+    monkeypatch.chdir(tmp_path)
+    assert plan("clusters").exit_code == 0
+    drawn = (tmp_path / "plan" / "clusters.plan").read_bytes()
+    refused = plan("plan/clusters.plan", "--altitude", "25")
+    assert refused.exit_code == 2
+    assert "plan/clusters.plan: was given, and would be replaced" in refused.stderr.replace("\n", " ")
+    assert (tmp_path / "plan" / "clusters.plan").read_bytes() == drawn
+    assert plan("plan/clusters.plan", "--altitude", "25", "--out", "lower").exit_code == 0
+
+
 def test_advice_is_a_table_with_one_best_row():
     done = plan("clusters", "--advise", "--json")
     assert done.exit_code == 0

@@ -91,6 +91,37 @@ def test_the_next_sortie_goes_where_the_last_one_was_not(tmp_path):
     assert following == pytest.approx(same, rel=0.05)
 
 
+def test_the_map_that_was_given_is_not_replaced_by_the_one_after(tmp_path):
+    done(*search(out="plan"))
+    before = (tmp_path / "plan" / "after.npz").read_bytes()
+    refused("plan/after.npz: was given, and would be", *search("--prior", "plan/after.npz", out="plan"))
+    assert (tmp_path / "plan" / "after.npz").read_bytes() == before
+
+
+def test_a_map_that_is_a_geotiff_by_its_name_alone_reads_no_other_file(tmp_path):
+    rasterio = pytest.importorskip("rasterio")
+    bounds = rasterio.Affine(0.003, 0, 22.1, 0, -0.001, 60.204)
+    of_file = {
+        "width": 3,
+        "height": 3,
+        "count": 1,
+        "dtype": "float64",
+        "crs": "EPSG:4326",
+        "transform": bounds,
+    }
+    with rasterio.open("secret.tif", "w", driver="GTiff", **of_file) as file:
+        file.write(np.ones((1, 3, 3)))
+    assert plan(*search("--prior", "secret.tif")).exit_code == 0
+    (tmp_path / "map.tif").write_text(
+        '<VRTDataset rasterXSize="3" rasterYSize="3"><SRS>EPSG:4326</SRS>'
+        "<GeoTransform>22.1, 0.003, 0, 60.204, 0, -0.001</GeoTransform>"
+        '<VRTRasterBand dataType="Float64" band="1"><SimpleSource>'
+        f'<SourceFilename relativeToVRT="0">{tmp_path}/secret.tif</SourceFilename>'
+        "<SourceBand>1</SourceBand></SimpleSource></VRTRasterBand></VRTDataset>"
+    )
+    refused("map.tif: is no GeoTIFF", *search("--prior", "map.tif"))
+
+
 def test_a_scenario_says_area_start_and_sweep_width(tmp_path):
     said = done("shore.yaml", "--prior", "map.npz", "--budget-m", 5000, "--altitude", 25)
     assert "sweep width" in said
@@ -144,7 +175,7 @@ def test_what_lies_where_nobody_may_fly_is_left_out_and_said(tmp_path):
     )
     said = plan("kept.yaml", *search())
     assert said.exit_code == 0, said.output
-    assert "of the map in the area lies in no-fly areas or outside the geofence" in " ".join(
+    assert "of the map in the area lies in or behind no-fly areas or outside the geofence" in " ".join(
         said.stderr.split()
     )
     refused(
@@ -156,6 +187,28 @@ def test_what_lies_where_nobody_may_fly_is_left_out_and_said(tmp_path):
     poa[25:28, 31:33] = 1.0
     np.savez("map.npz", poa=poa, bounds_lon_lat_deg=BOUNDS)
     refused("only where nobody may fly", "kept.yaml", *search())
+
+
+def test_what_no_way_leads_to_draws_no_plan(tmp_path):
+    """A no-fly strip from fence to fence, and as likely on either side: all of the budget is flown here."""
+    strip = "safety: {no_fly_enu_m: [[[200, -60], [240, -60], [240, 500], [200, 500]]]}\n"
+    (tmp_path / "split.yaml").write_text(SCENARIO + strip)
+    row, column = np.mgrid[0:50, 0:50]
+    here, there = (np.exp(-((row - 22) ** 2 + (column - c) ** 2) / 12.0) for c in (10, 35))
+    found = []
+    for poa in (here, here + there):
+        np.savez("map.npz", poa=poa, bounds_lon_lat_deg=BOUNDS)
+        done("split.yaml", *search("--budget-m", 900, "--start", "22.102,60.201"))
+        found.append(json.loads((tmp_path / "out" / "sortie.json").read_text()))
+    assert found[1]["pos"] == pytest.approx(found[0]["pos"], abs=1e-6)
+    assert found[0]["pos"] > 0.5
+
+
+def test_a_width_from_beyond_the_calibration_is_called_a_guess():
+    known = ("--prior", "map.npz", "--budget-m", 3000, "--out", "out")
+    assert "is a guess" not in plan("shore.yaml", *known).stderr
+    said = " ".join(plan("shore.yaml", *known, "--altitude", 119).stderr.split())
+    assert "--sweep-width-m: is missing, and the sensor's is a guess. The sensor model was" in said
 
 
 def test_a_budget_that_is_not_flown_is_said(tmp_path):
@@ -193,14 +246,16 @@ def test_mistakes_are_told_in_one_sentence(tmp_path):
     refused("write LON,LAT", *search("--start", "north"))
     refused("write LON,LAT", *search("--start", "nan,nan"))
     refused("no such file", *search("--prior", "other.npz"))
-    refused("n_uavs: is 0", *search("--uavs", 0))
+    refused("--uavs: is 0", *search("--uavs", 0))
+    refused("--budget-m: is -1", *search("--budget-m", -1))
+    refused("--sweep-width-m: is nan; write metres above 0", *search("--sweep-width-m", "nan"))
     refused("do not reach the map", *search("--start", "23,60.2"))
     refused("write LON,LAT, the longitude first", *search("--start", "60.201,22.101"))
     refused("write LON,LAT, the longitude first", *search("--start", "-157.9,-60.2"))
     refused("holds no journal.jsonl", *search("--searched", "."))
     refused("no such file", *search("--searched", "other.plan"))
     np.savez("far.npz", poa=np.ones((5, 5)), bounds_lon_lat_deg=(10.0, 50.0, 10.1, 50.1))
-    refused("does not overlap the area", "shore.yaml", *search("--prior", "far.npz"))
+    refused("far.npz: does not overlap the area", "shore.yaml", *search("--prior", "far.npz"))
     refused("leave them out", *search("--sidelap", 0.3))
     refused("--prior", "shore.yaml", "--budget-m", 500)
     assert not (tmp_path / "out").exists()

@@ -164,6 +164,36 @@ def test_terrain_and_mixtures_change_maps(tmp_path):
     assert "changes no cell" in done("terrain", "lost.npz", "--inside", "lake.geojson:1").stderr
 
 
+def test_nothing_that_was_given_is_replaced(tmp_path):
+    """A map's picture and GeoTIFF go beside it, and have its name."""
+    done("lost-person", *OWN, "--out", "lost.npz")
+    before = (tmp_path / "lost.npz").read_bytes()
+    (tmp_path / "hills.yaml").write_text(HILLS + "terrain: {hills_height_m: 80, hills_wavelength_m: 150}\n")
+    steep = ("terrain", "lost.npz", "--slope", "15:1,90:0.1", "--heights", "hills.yaml")
+    refused("lost.npz: was given, and would be replaced", *steep, "--out", "lost.npz")
+    refused("lost.npz: was given, and would be replaced", "mix", "lost.npz:1", "--out", "lost.npz")
+    assert (tmp_path / "lost.npz").read_bytes() == before
+    if (tmp_path / "lost.tif").exists():
+        refused("lost.tif: was given", "mix", "lost.tif:1", "--out", "lost.npz")
+
+
+def test_heights_without_a_unit_are_said_to_be_taken_for_metres(tmp_path):
+    rasterio = pytest.importorskip("rasterio")
+    done("lost-person", *OWN, "--out", "lost.npz")
+    with rasterio.open(
+        "dem.tif", "w", driver="GTiff", width=200, height=200, count=1, dtype="float32", crs="EPSG:4326",
+        transform=rasterio.Affine(0.0005, 0, 22.055, 0, -0.00025, 60.227),
+    ) as file:  # fmt: skip
+        file.write(np.add.outer(np.arange(200.0), np.arange(200.0)).astype(np.float32)[None] * 10.0)
+    slopes = ("terrain", "lost.npz", "--slope", "15:1,90:0.1", "--heights", "dem.tif")
+    assert "dem.tif: tells no unit, and its heights are taken for metres" in done(*slopes).stderr.replace(
+        "\n", " "
+    )
+    with rasterio.open("dem.tif", "r+") as file:
+        file.units = ["m"]
+    assert "tells no unit" not in done(*slopes).stderr
+
+
 def test_slopes_are_those_of_a_scenario_of_this_place(tmp_path):
     """Hills change the map, flat ground is said to change nothing, other or too little ground is refused."""
     done("lost-person", *OWN, "--out", "lost.npz")
@@ -246,4 +276,13 @@ def test_mistakes_are_told_in_one_sentence(tmp_path):
     refused("weights: write numbers", "mix", "lost.npz:-1")
     refused("holds no journal.jsonl", "after", "lost.npz", "--searched", ".")
     refused("--sweep-width-m: is missing", "after", "lost.npz", "--searched", "flown.plan")
+    flown = ("--searched", "flown.plan")
+    for width in ("0", "nan", "inf", "-30"):
+        refused(f"--sweep-width-m: is {width}", "after", "lost.npz", *flown, "--sweep-width-m", width)
+    for name in ("flown.plan", "again.plan"):
+        (tmp_path / name).write_text("{}")
+    refused(
+        "again.plan: is the same flight as flown.plan; name each once",
+        "after", "lost.npz", *flown, "--searched", "again.plan", "--sweep-width-m", 30,
+    )  # fmt: skip
     assert not (tmp_path / "after.npz").exists()

@@ -215,6 +215,14 @@ def lat_lon_of(text: str, option: str) -> tuple[float, float]:
     return latitude, longitude
 
 
+def refuse_to_replace(read: Iterable[Path | str | None], *written: Path) -> None:
+    """Raises UserError where a file that a command is about to write is one that it was given."""
+    given = [Path(path) for path in read if path is not None]
+    for path in written:
+        if path.is_file() and any(other.is_file() and path.samefile(other) for other in given):
+            raise UserError(f"{path}: was given, and would be replaced; write another place with --out")
+
+
 def local_folder(address: str) -> Path | None:
     """The folder of a path or an fsspec URL, or None if it is not on this computer."""
     if "://" in address and not address.startswith(("file://", "local://")):

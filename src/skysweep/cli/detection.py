@@ -11,7 +11,17 @@ from typing import Annotated, Any, Literal
 import typer
 
 from skysweep.cli.answers import JsonOption, answer
-from skysweep.cli.common import SeedOption, WorkersOption, bar, counting, friendly, tell, warn, working
+from skysweep.cli.common import (
+    SeedOption,
+    WorkersOption,
+    bar,
+    counting,
+    friendly,
+    refuse_to_replace,
+    tell,
+    warn,
+    working,
+)
 from skysweep.errors import UserError
 
 RenamesOption = Annotated[
@@ -209,6 +219,7 @@ def detect_inspect(
     from skysweep.detection.photos.pixels import read_picture
     from skysweep.detection.yolo import YoloDetector
 
+    refuse_to_replace([picture], out)
     with working(f"trying {model}"):
         detector = YoloDetector(
             model, confidence_min=confidence, threads=2, boxes=boxes, pixels=pixels, channels=channels

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from skysweep.cli.answers import add_cost, answer, figures_table
-from skysweep.cli.common import warn
+from skysweep.cli.common import refuse_to_replace, warn
 from skysweep.errors import UserError
 from skysweep.files.writing import whole_files
 from skysweep.planning.advice import warnings_for_plan
 from skysweep.planning.assessment import assess
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.planning.picture import draw_plan
-from skysweep.planning.qgc import plan_for_qgc, write_plan
+from skysweep.planning.qgc import plan_for_qgc, warnings_for_file, write_plan
 from skysweep.results.gaps import (
     Gap,
     flown_again,
@@ -60,12 +60,18 @@ def plan_gaps(as_json: bool, run_folders: Sequence[Path], least_pod: float, out:
         return
     name = f"{scenario.name[:74]} gaps"
     names = {kind: f"gaps.{kind}" for kind in ("yaml", "plan", "geojson", "kml", "png")}
+    refuse_to_replace([run.scenario.search.plan for run in runs], *(out / name for name in names.values()))
     with whole_files(out) as unfinished:
-        write_plan(unfinished / names["plan"], plan_for_qgc(scenario, path_over(gaps.to_fly, scenario)))
+        drawn = plan_for_qgc(scenario, path_over(gaps.to_fly, scenario))
+        write_plan(unfinished / names["plan"], drawn)
         changes = {"name": name, "search.plan": str(unfinished / names["plan"])}
         again = change_scenario(with_paths_beside(scenario, Path.cwd()), changes)
         plan, estimate = plan_scenario(again)
-        for warning in (*warnings_for_plan(again), *assess(plan, again).warnings()):
+        for warning in (
+            *warnings_for_plan(again),
+            *assess(plan, again).warnings(),
+            *warnings_for_file(again, drawn),
+        ):
             warn(warning)
         draw_plan(unfinished / names["png"], again, plan, estimate)
         again = change_scenario(again, {"search.plan": names["plan"]})

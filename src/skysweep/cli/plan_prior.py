@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +14,7 @@ from rich.table import Table
 
 from skysweep.arrays import F64
 from skysweep.cli.answers import answer, figures_table
-from skysweep.cli.common import counting, lon_lat_of, warn
+from skysweep.cli.common import counting, lon_lat_of, refuse_to_replace, warn
 from skysweep.cli.searched import coverage_of_searches
 from skysweep.errors import UserError
 from skysweep.files.writing import whole_files
@@ -20,18 +22,26 @@ from skysweep.geometry.frames import LocalFrame
 from skysweep.mission.fence import Fence
 from skysweep.planning.area_files import scenario_over
 from skysweep.planning.flight_plan import leg_time_s
+from skysweep.planning.prior.checks import positive
 from skysweep.planning.prior.map_files import read_map, write_map
 from skysweep.planning.prior.maps import FARTHEST_M, ProbabilityMap
 from skysweep.planning.prior.picture import draw_sortie
 from skysweep.planning.prior.planned_sortie import PlannedSortie, plan_sortie
 from skysweep.planning.prior.ways_round import Way
-from skysweep.planning.qgc import plan_for_qgc, write_plan
+from skysweep.planning.qgc import plan_for_qgc, warnings_for_file, write_plan
 from skysweep.scenarios.files import change_scenario
 from skysweep.scenarios.model import Home, Scenario
+from skysweep.sensing.statistical.model import model_for
 from skysweep.sensing.statistical.sweep_width import sweep_width_m
 from skysweep.text import percent
 
 _WORTH_SAYING = 0.05  # of the map, that lies outside the area
+_OPTIONS = {
+    "budget_m": "--budget-m",
+    "sweep_width_m": "--sweep-width-m",
+    "n_uavs": "--uavs",
+    "seed": "--seed",
+}
 MAP_AFTER, REPORT = "after.npz", "sortie.json"
 
 
@@ -57,18 +67,27 @@ def plan_with_prior(
     out: Path,
 ) -> None:
     """Plan a sortie over a map, within the area of a scenario where there is one; write and answer it."""
-    cells = _map(options, scenario)
+    positive(options.sweep_width_m, "--sweep-width-m")
+    cells = read_map(options.prior, None if scenario is None else scenario.frame)
     start = _start(options, scenario, cells.frame)
+    with _fields_as_options(options.prior):
+        cells = _left_of(cells, options, scenario, start)
     way = None if scenario is None else _way(options, scenario, start)
-    with counting("paths") as count:
+    with counting("paths") as count, _fields_as_options(options.prior):
         sortie = plan_sortie(
             cells, start, options.budget_m, options.sweep_width_m, options.uavs, options.seed, count, way
         )
     chosen = scenario or change_scenario(_scenario_of(options.prior, sortie), changes)
     plans = [f"{chosen.name}-{k + 1}.plan" for k in range(options.uavs)]
+    flown = None if scenario is None else scenario.search.plan
+    written = [*plans, f"{chosen.name}.png", MAP_AFTER, REPORT]
+    refuse_to_replace([options.prior, *options.searched, flown], *(out / name for name in written))
+    drawn = [plan_for_qgc(chosen, sortie.as_coverage(k)) for k in range(options.uavs)]
+    for warning in dict.fromkeys(w for plan in drawn for w in warnings_for_file(chosen, plan)):
+        warn(warning)
     with whole_files(out) as unfinished:
-        for k, name in enumerate(plans):
-            write_plan(unfinished / name, plan_for_qgc(chosen, sortie.as_coverage(k)))
+        for name, plan in zip(plans, drawn, strict=True):
+            write_plan(unfinished / name, plan)
         draw_sortie(unfinished / f"{chosen.name}.png", chosen.name, sortie)
         write_map(unfinished / MAP_AFTER, sortie.after)
         (unfinished / REPORT).write_text(json.dumps(sortie.as_json(), indent=2) + "\n", encoding="utf-8")
@@ -86,41 +105,63 @@ def plan_with_prior(
     )
 
 
+@contextmanager
+def _fields_as_options(prior: Path) -> Iterator[None]:
+    """Errors name what the user wrote."""
+    written = _OPTIONS | {"prior": f"--prior {prior}"}
+    try:
+        yield
+    except UserError as error:
+        field, colon, rest = str(error).partition(":")
+        raise UserError(f"{written.get(field, field)}{colon}{rest}") from error
+
+
 def width_of_sensor(scenario: Scenario | None) -> float:
     """The effective sweep width of a scenario's sensor, metres."""
     if scenario is None:
         raise UserError(
             "--sweep-width-m: is missing; write the sensor's effective sweep width, or name a scenario"
         )
+    if beyond := model_for(scenario).beyond_calibration(scenario):
+        warn(f"--sweep-width-m: is missing, and the sensor's is a guess. {beyond}")
     return sweep_width_m(scenario)
 
 
-def _map(options: SearchOptions, scenario: Scenario | None) -> ProbabilityMap:
-    cells = read_map(options.prior, None if scenario is None else scenario.frame)
+def _left_of(
+    cells: ProbabilityMap, options: SearchOptions, scenario: Scenario | None, start: F64
+) -> ProbabilityMap:
+    """What is left of a map where a vehicle may fly from the start, after what was searched."""
     if scenario is not None:
         outside = 1.0 - cells.share_within(scenario.area_enu_m)
         cells = cells.within(scenario.area_enu_m)
         if outside > _WORTH_SAYING:
             left_out = percent(outside)
             warn(f"--prior {options.prior}: {left_out} of the map lies outside the area and is left out")
-        free = _free_of(scenario)
+        free = _free_from(scenario, start)
         if free is not None:
             closed = 1.0 - cells.share_within(free)
             if closed >= 1.0 - 1e-12:
                 raise UserError(
-                    f"--prior {options.prior}: lies within the area only where nobody may fly; cut "
+                    f"--prior {options.prior}: lies within the area only where nobody may fly or get to; cut "
                     "safety.no_fly_enu_m, widen geofence_enu_m, or give a map of other places"
                 )
             cells = cells.within(free)
             if closed > _WORTH_SAYING:
                 warn(
-                    f"--prior {options.prior}: {percent(closed)} of the map in the area lies in no-fly areas "
-                    "or outside the geofence and is left out"
+                    f"--prior {options.prior}: {percent(closed)} of the map in the area lies in or behind "
+                    "no-fly areas or outside the geofence and is left out"
                 )
     coverage, _ = coverage_of_searches(
         cells, options.searched, options.sweep_width_of_runs_m, options.sweep_width_m
     )
     return cells.after_coverage(coverage)
+
+
+def _free_from(scenario: Scenario, start: F64) -> shapely.Geometry | None:
+    """The part of that which can be reached from a start; all of it where the start is in none."""
+    free = _free_of(scenario)
+    parts = [] if free is None else [*shapely.get_parts(free)]
+    return next((part for part in parts if part.intersects(shapely.Point(start))), free)
 
 
 def _free_of(scenario: Scenario) -> shapely.Geometry | None:

@@ -10,7 +10,7 @@ import typer
 
 from skysweep.cli import completion
 from skysweep.cli.answers import JsonOption, add_cost, answer, figures_table
-from skysweep.cli.common import counting, friendly, scenario_or_area, warn
+from skysweep.cli.common import counting, friendly, refuse_to_replace, scenario_or_area, warn
 from skysweep.files.writing import whole_files
 
 
@@ -95,15 +95,12 @@ def plan(
 
         skysweep plan --prior map.tif --budget-m 20000 --sweep-width-m 30 --uavs 2 --start 22.1,60.2
     """
-    from skysweep.cli.plan_advice import answer_advice
-    from skysweep.cli.plan_gaps import plan_gaps, refuse_pod
-    from skysweep.cli.plan_prior import SearchOptions, plan_with_prior, width_of_sensor
     from skysweep.errors import UserError
     from skysweep.planning.advice import warnings_for_any_path, warnings_for_plan
     from skysweep.planning.assessment import assess
     from skysweep.planning.flight_plan import plan_scenario
     from skysweep.planning.picture import draw_plan
-    from skysweep.planning.qgc import plan_for_qgc, write_plan
+    from skysweep.planning.qgc import plan_for_qgc, warnings_for_file, write_plan
     from skysweep.planning.sun import moment_of
     from skysweep.scenarios.files import change_scenario
     from skysweep.strategies.covering import as_covered
@@ -117,6 +114,8 @@ def plan(
     }
     folder = out or Path("plan")
     if pod is not None:
+        from skysweep.cli.plan_gaps import refuse_pod
+
         refuse_pod(pod)
         if not advise and not gaps:
             raise UserError("--pod: belongs to --advise and --gaps; add one of them, or leave it out")
@@ -125,6 +124,8 @@ def plan(
         of_plan = advise or any(v is not None for v in (source, prior, at, *changes.values()))
         if of_plan or of_prior:
             raise UserError("--gaps: flies a run's own scenario again; write only --pod and --out beside it")
+        from skysweep.cli.plan_gaps import plan_gaps
+
         plan_gaps(as_json, gaps, 0.5 if pod is None else pod, folder)
         return
     chosen = None
@@ -139,6 +140,8 @@ def plan(
             )
         if budget_m is None:
             raise UserError("--budget-m: is missing; write the length of all paths in metres")
+        from skysweep.cli.plan_prior import SearchOptions, plan_with_prior, width_of_sensor
+
         for warning in warnings_for_any_path(chosen) if chosen is not None else []:
             warn(warning)
         width_m = sweep_width_m if sweep_width_m is not None else width_of_sensor(chosen)
@@ -154,10 +157,14 @@ def plan(
     if advise:
         if out is not None or at is not None:
             raise UserError("--out, --at: belong to a plan, which --advise writes none of; leave them out")
+        from skysweep.cli.plan_advice import answer_advice
+
         given = {"--heading": heading, "--hfov": hfov}
         words = "".join(f" {name} {value:g}" for name, value in given.items() if value is not None)
         answer_advice(as_json, source, chosen, 0.8 if pod is None else pod, words)
         return
+    picture, plan_file = (folder / f"{chosen.name}.{kind}" for kind in ("png", "plan"))
+    refuse_to_replace([source, chosen.search.plan], picture, plan_file)
     covered = as_covered(chosen)
     for warning in warnings_for_plan(chosen, covered.search.scan_altitude_agl_m):
         warn(warning)
@@ -169,10 +176,11 @@ def plan(
         judged = assess(coverage, covered, moment)
         count(2, 3)
         with whole_files(folder) as unfinished:
-            draw_plan(unfinished / f"{chosen.name}.png", covered, coverage, estimate)
-            write_plan(unfinished / f"{chosen.name}.plan", plan_for_qgc(covered, coverage))
+            draw_plan(unfinished / picture.name, covered, coverage, estimate)
+            drawn = plan_for_qgc(covered, coverage)
+            write_plan(unfinished / plan_file.name, drawn)
         count(3, 3)
-    for warning in judged.warnings():
+    for warning in (*judged.warnings(), *warnings_for_file(covered, drawn)):
         warn(warning)
     table = figures_table()
     table.add_row("area", f"{estimate.area_m2 / 1e4:.2f} ha")
@@ -182,7 +190,7 @@ def plan(
     table.add_row("pixels on the smallest target", f"{estimate.pixels_on_target:.1f}")
     for name, value in judged.rows():
         table.add_row(name, value)
-    written = {"plan": f"{folder / chosen.name}.plan", "picture": f"{folder / chosen.name}.png"}
+    written = {"plan": str(plan_file), "picture": str(picture)}
     figures = {**asdict(estimate), "heading_deg": coverage.heading_deg, **judged.record()}
     record = {"scenario": chosen.name, **figures, **written}
     answer(as_json, record, table, *(f"{what}: {path}" for what, path in written.items()))

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from skysweep.cli import completion
-from skysweep.cli.common import SeedOption, friendly, lon_lat_of, tell, warn, working
+from skysweep.cli.common import SeedOption, friendly, lon_lat_of, refuse_to_replace, tell, warn, working
 from skysweep.errors import UserError
 from skysweep.text import percent
 
@@ -88,7 +89,8 @@ def lost_person(
     reach_m = distances.within_m[-1]
     cells, here = _cells(lkp, over, cell_m, shapely.box(-reach_m, -reach_m, reach_m, reach_m))
     lost, share = with_share(cells, here, distances)
-    _write(out, f"{distances.category}, {distances.ecoregion}", _only_inside(cells, lost, share), here)
+    lost = _only_inside(cells, lost, share)
+    _write(out, f"{distances.category}, {distances.ecoregion}", lost, here, read=[over])
 
 
 @app.command("drift")
@@ -166,7 +168,7 @@ def drift(
         )[:, :2]
     drifting = map_of_particles(cells, particles, smooth_m=2.0 * cells.cell_size_m)
     inside = _only_inside(cells, drifting, share_on(cells, particles))
-    _write(out, f"{LEEWAY[leeway].name}, after {hours:g} h", inside, here)
+    _write(out, f"{LEEWAY[leeway].name}, after {hours:g} h", inside, here, read=[over])
 
 
 @app.command("terrain")
@@ -208,12 +210,15 @@ def terrain(
     if not (near or inside or slope):
         raise UserError("--near, --inside, --slope: are missing; write at least one of them")
     cells = changed = read_map(prior)
+    read: list[Path | str | None] = [prior, heights]
     for text in near or []:
         path, (within_m, factor) = _with_numbers(text, "--near", "FILE:M:FACTOR")
+        read.append(path)
         shapes = read_features(path, cells.frame)
         changed = _times(changed, factors_near(cells, shapes, within_m, factor), f"--near {text}")
     for text in inside or []:
         path, (factor,) = _with_numbers(text, "--inside", "FILE:FACTOR")
+        read.append(path)
         shapes = read_features(path, cells.frame)
         changed = _times(changed, factors_within(cells, shapes, factor), f"--inside {text}")
     if slope is not None:
@@ -225,7 +230,7 @@ def terrain(
             f"--slope {slope}",
             "that --heights has slopes there",
         )
-    _write(out, f"{prior.stem}, changed by terrain", changed, _mark(lkp, cells))
+    _write(out, f"{prior.stem}, changed by terrain", changed, _mark(lkp, cells), read=read)
 
 
 @app.command("mix")
@@ -247,14 +252,14 @@ def mix(
 
     given = [_with_numbers(text, "MAP:WEIGHT", "MAP:WEIGHT") for text in maps]
     with working("bringing the maps onto one grid"):
-        read = [read_map(path) for path, _ in given]
-        grids = on_one_grid(read)
-    finest_m, cell_m = min(cells.cell_size_m for cells in read), grids[0].cell_size_m
+        mixing = [read_map(path) for path, _ in given]
+        grids = on_one_grid(mixing)
+    finest_m, cell_m = min(cells.cell_size_m for cells in mixing), grids[0].cell_size_m
     if cell_m > 1.001 * finest_m:
         warn(f"cells: are {cell_m:.3g} m wide, as {finest_m:.3g} m over all maps would be too many")
     title = " + ".join(f"{weight:g} {path.stem}" for path, (weight,) in given)
     both = mixed(grids, [weight for _, (weight,) in given])
-    _write(out, title, both, _mark(lkp, both))
+    _write(out, title, both, _mark(lkp, both), read=[path for path, _ in given])
 
 
 @app.command("after")
@@ -287,7 +292,8 @@ def after(
     coverage, tracks = coverage_of_searches(cells, searched, sweep_width_m, sweep_width_m)
     several = "es" if len(searched) > 1 else ""
     title = f"{prior.stem} after {len(searched)} unsuccessful search{several}"
-    _write(out, title, cells.after_coverage(coverage), _mark(lkp, cells), tracks)
+    left = cells.after_coverage(coverage)
+    _write(out, title, left, _mark(lkp, cells), tracks, read=[prior, *searched])
     tell(f"POS of what was flown: {cells.pos_of(coverage):.1%} of the map before")
 
 
@@ -297,7 +303,9 @@ def _write(
     cells: ProbabilityMap,
     last_known_xy_m: F64 | None = None,
     tracks: list[F64] | None = None,
+    read: Sequence[Path | str | None] = (),
 ) -> None:
+    """Write a map, its picture and its GeoTIFF; nothing of what was ``read`` for it is replaced."""
     from skysweep.errors import MissingExtraError
     from skysweep.files.writing import whole_files
     from skysweep.planning.prior.map_files import write_geotiff, write_map
@@ -305,6 +313,7 @@ def _write(
 
     if out.suffix.lower() != ".npz":
         raise UserError(f"--out {out}: is no .npz; write the name of one, a picture goes beside it")
+    refuse_to_replace(read, *(out.with_suffix(suffix) for suffix in (".npz", ".png", ".tif")))
     written = [out, out.with_suffix(".png")]
     with working(f"writing {out}"), whole_files(out.parent) as unfinished:
         write_map(unfinished / out.name, cells)
@@ -389,7 +398,13 @@ def _heights(source: str | None, cells: ProbabilityMap) -> F64:
     if source is None:
         raise UserError("--heights: is missing; write a GeoTIFF of heights or a scenario for --slope")
     if Path(source).suffix.lower() in (".tif", ".tiff"):
-        return read_heights(Path(source), cells)
+        heights_m, tells_unit = read_heights(Path(source), cells)
+        if not tells_unit:
+            warn(
+                f"--heights {source}: tells no unit, and its heights are taken for metres; if they are feet, "
+                f"say so with  rio edit-info --bidx 1 --units ft {Path(source).name}"
+            )
+        return heights_m
     return heights_of_scenario(load_scenario(source), cells)
 
 

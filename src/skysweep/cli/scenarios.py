@@ -12,7 +12,15 @@ import typer
 from rich.table import Table
 
 from skysweep.cli.answers import JsonOption, answer, figures_table
-from skysweep.cli.common import ScenarioArg, friendly, lat_lon_of, tell, warn, working
+from skysweep.cli.common import (
+    ScenarioArg,
+    friendly,
+    lat_lon_of,
+    refuse_to_replace,
+    tell,
+    warn,
+    working,
+)
 
 app = typer.Typer(no_args_is_help=True, help="List, show, check and write scenarios.")
 
@@ -144,6 +152,7 @@ def scenarios_new(
         "roads_file": roads,
     }
     files = {field: path for field, path in given.items() if path is not None}
+    refuse_to_replace([area, *files.values()], out)
     place = None if home is None else lat_lon_of(home, "--home")
     with working("reading the ground"):
         draft = draft_scenario(area, files, out, target, place, dem_unit)

@@ -9,7 +9,9 @@ import numpy as np
 
 from skysweep.arrays import F64
 from skysweep.cli.common import warn
+from skysweep.detection.model_files import sha256_of
 from skysweep.errors import UserError
+from skysweep.planning.prior.checks import positive
 from skysweep.planning.prior.flown import path_of_plan
 from skysweep.planning.prior.maps import ProbabilityMap
 from skysweep.results.reporting.wording import moving_words
@@ -27,6 +29,10 @@ def coverage_of_searches(
 
     Without a sweep width, runs count by their calibrated sensor, look by look; a plan needs one.
     """
+    for width_m in (sweep_width_of_runs_m, sweep_width_of_plans_m):
+        if width_m is not None:
+            positive(width_m, "--sweep-width-m")
+    _refuse_twice(searched)
     coverage, paths, runs = np.zeros(cells.poa.shape), list[F64](), list[Run]()
     for path in searched:
         if path.is_dir():
@@ -55,3 +61,11 @@ def coverage_of_searches(
             paths.append(path_of_plan(path, cells.frame))
             coverage += cells.coverage_by(paths[-1:], sweep_width_of_plans_m)
     return coverage + coverage_of_runs(runs, cells, sweep_width_of_runs_m), paths
+
+
+def _refuse_twice(searched: Sequence[Path]) -> None:
+    """Raises UserError if two plans are one."""
+    known: dict[str, Path] = {}
+    for path in searched:
+        if path.is_file() and (other := known.setdefault(sha256_of(path), path)) is not path:
+            raise UserError(f"--searched {path}: is the same flight as {other}; name each once")

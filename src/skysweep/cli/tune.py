@@ -223,7 +223,7 @@ def _shown(tuned: Tuned, folder: Path, recommended: list[Path]) -> list[Grid | s
     shown: list[Grid | str] = [
         report.recommendation(tuned),
         report.recommendation_sentence(tuned),
-        report.recommendation_rule(tuned.problem.rules),
+        report.recommendation_rule(tuned),
         *report.how_sure(tuned),
         report.standings_table(tuned),
     ]

@@ -32,7 +32,7 @@ def read_limited(path: str | Path, max_bytes: int) -> bytes:
 def read_text_limited(path: str | Path, max_bytes: int) -> str:
     """Like :func:`read_limited`, as text. Raises UserError also if the file is not UTF-8."""
     try:
-        return read_limited(path, max_bytes).decode("utf-8")
+        return read_limited(path, max_bytes).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise UserError(f"{path}: is not a text file in UTF-8; write plain text") from None
 
