@@ -112,6 +112,44 @@ def test_small_holes_are_interpolated_and_said(tmp_path, marked):
     assert "interpolated" in note
 
 
+def test_another_band_does_not_fill_a_hole(tmp_path):
+    """Where any band had a value, the hole's own number was taken for ground, 200 m below the true one."""
+    heights = np.stack([slope(SIZE), np.ones(SIZE, np.float32)])
+    heights[0, 50:70, 60:80] = -99.0
+    dem = write(tmp_path / "two.tif", heights, transform=placed(10.0, SIZE), nodata=-99.0)
+    with pytest.raises(UserError, match="has a hole at the area"):
+        build_terrain(over(dem=dem))
+
+
+@pytest.mark.parametrize(
+    ("crs", "bounds"),
+    [
+        ("EPSG:4326", (-180.0, -90.0, 180.0, 90.0)),
+        ("EPSG:4326", (0.0, -90.0, 360.0, 90.0)),
+        ("EPSG:3857", (-2.0037e7, -2.0037e7, 2.0037e7, 2.0037e7)),
+        ("ESRI:54008", (-2.0037e7, -1.0e7, 2.0037e7, 1.0e7)),
+    ],
+)
+@pytest.mark.parametrize("home", [(61.0, 25.0), (-43.5, 171.0), (10.0, -75.0)])
+def test_a_map_of_the_world_covers_every_area(tmp_path, crs, bounds, home):
+    west, south, east, north = bounds
+    rows, columns = 360, 720
+    world = rasterio.Affine((east - west) / columns, 0.0, west, 0.0, (south - north) / rows, north)
+    scenario = over(home, dem=write(tmp_path / "w.tif", np.full((rows, columns), 50.0), crs, world))
+    assert np.ptp(build_terrain(scenario).heights_m) < 0.1
+    (note,) = elevation_of(scenario).notes
+    assert "has a height every" in note
+    assert "hills between them are not known" in note
+
+
+def test_half_a_world_away_is_that_far_away(tmp_path):
+    rows, columns = 90, 360
+    north = rasterio.Affine(1.0, 0.0, -180.0, 0.0, -1.0, 90.0)
+    dem = write(tmp_path / "north.tif", np.full((rows, columns), 50.0), "EPSG:4326", north)
+    with pytest.raises(UserError, match=r"does not overlap the area, 48\d\d\.\d km away"):
+        build_terrain(over((-43.5, 171.0), dem=dem))
+
+
 def test_large_holes_in_the_area_are_refused(tmp_path):
     heights = slope(SIZE)
     heights[50:70, 60:80] = np.nan

@@ -137,6 +137,13 @@ def test_no_land_cover(tmp_path, values, sentence):
         build_terrain(over(land_cover=away, land_cover_classes=CLASSES))
 
 
+def test_land_cover_of_the_other_half_of_the_world_is_refused(tmp_path):
+    north = rasterio.Affine(1.0, 0.0, -180.0, 0.0, -1.0, 90.0)
+    cover = write(tmp_path / "north.tif", np.full((90, 360), 10, np.uint8), "EPSG:4326", north)
+    with pytest.raises(UserError, match="does not overlap the area, 48"):
+        build_terrain(over((-43.5, 171.0), land_cover=cover, land_cover_classes=CLASSES))
+
+
 def test_more_trees_than_can_be_drawn_are_thinned_and_said(tmp_path):
     dense = [{"code": 1, "surface": "forest floor", "trees_per_hectare": 2000}, CLASSES[1]]
     cover = write(tmp_path / "lc.tif", halves(east=1), transform=placed(10.0, SIZE))
@@ -229,6 +236,12 @@ def test_a_part_of_a_place_may_have_no_buildings(tmp_path):
     assert mapped_buildings(scenario) == ()
     (said,) = [w for w in warnings_for_plan(scenario) if "_file" in w]
     assert re.fullmatch(r"buildings_file: its buildings are \d\.\d km away: there are none in the area", said)
+
+
+def test_an_outline_without_corners_is_none(tmp_path):
+    file = collection(tmp_path / "osm.geojson", (shapely.Polygon(), HOUSE))
+    with pytest.raises(UserError, match=r"holds no polygon with OpenStreetMap's tag 'building'"):
+        build_world(over(others={"buildings_file": str(file)}), 0)
 
 
 def test_what_is_left_out_of_a_file_is_said(tmp_path):

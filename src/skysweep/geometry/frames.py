@@ -101,10 +101,11 @@ class LocalFrame:
     _to_enu: pyproj.Transformer = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        longitude, latitude, altitude = map(float, (self.longitude_deg, self.latitude_deg, self.altitude_m))
         pipeline = (
             "+proj=pipeline +step +proj=axisswap +order=2,1 +step +proj=unitconvert +xy_in=deg +xy_out=rad "
             "+step +proj=cart +ellps=WGS84 +step +proj=topocentric +ellps=WGS84 "
-            f"+lon_0={self.longitude_deg!r} +lat_0={self.latitude_deg!r} +h_0={self.altitude_m!r}"
+            f"+lon_0={longitude!r} +lat_0={latitude!r} +h_0={altitude!r}"
         )
         object.__setattr__(self, "_to_enu", pyproj.Transformer.from_pipeline(pipeline))
 

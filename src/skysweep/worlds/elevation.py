@@ -25,6 +25,7 @@ from skysweep.worlds.rasters import Bounds, GeoTiff, Part, between_nodes, geotif
 FIELD = "terrain.dem"
 _WRITE_UNIT = "write terrain.dem_unit (--dem-unit)"
 MAX_POSTS = 4_000_000
+_COARSE_M = 100.0  # between heights; SRTM has one every 90 m
 _MAX_HOLE_M = 50.0  # from its middle to where the height is known
 HEIGHTS_M = -500.0, 9000.0  # on earth; what lies beyond stands for a hole
 _SHORE_M = 10.0  # ground beside water at height 0 is lower somewhere
@@ -91,6 +92,11 @@ def _elevation(
     places = dem.pixels_over(x, y)
     heights = _sampled(dem, places, max(1, round(step_m / fine_m)), metres or 1.0)
     notes = list(_about_zeros(dem, heights, step_m))
+    if fine_m > _COARSE_M:
+        notes.append(
+            f"{FIELD}: has a height every {fine_m:,.0f} m, and hills between them are not known; give a "
+            "finer one, or keep a larger safety.clearance_m"
+        )
     if step_m > 1.01 * fine_m:
         notes.append(
             f"{FIELD}: is read every {step_m:.1f} m, as means, not every {fine_m:.1f} m: the ground is too "

@@ -106,7 +106,8 @@ def _land_cover(
         y = south + (np.arange(rows) + 0.5) * (north - south) / rows
         places = source.pixels_over(x, y)
         part = source.window(np.moveaxis(places, 0, -1), 2)
-        assert part is not None  # it overlaps
+        if part is None:
+            raise source.error("overlaps the area by less than a cell; give land cover of this area")
         pixels = source.read(part, max(1.0, cell_m / source.pixel_m))
         i, j = np.floor(pixels.places_of(places) + 0.5).astype(int)
         told = (i >= 0) & (i < len(pixels.values)) & (j >= 0) & (j < pixels.values.shape[1])

@@ -148,6 +148,7 @@ def _tagged(
     instead = f"give {what} of this area, or leave the file out"
     features = list(_features(path, field, frame))
     tagged = [each for each in features if each[1].get(tag, "no") != "no"]
+    tagged = [each for each in tagged if not each[0].is_empty]
     usable = [each for each in tagged if shapely.get_dimensions(each[0]) == dimensions]
     if not usable:
         raise UserError(f"{field}: {path}: holds no {word} with OpenStreetMap's tag '{tag}'; {instead}")

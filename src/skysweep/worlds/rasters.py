@@ -30,7 +30,7 @@ Bounds = tuple[float, float, float, float]  # west, south, east, north
 _NODE_M = 50.0  # between places that are projected; linear in between, which errs by less than 1 mm
 _MOST_NODES = 400  # along one side
 _MAX_BLOCK_BYTES = 500_000_000  # of what has to be read at once
-_BORDER = 64  # points along one edge
+_BORDER = 64  # points along one edge of four
 _SAMPLES, _SAMPLE_PX = 12, 64  # squares of a picture of 16 bits, in each direction, and their sides
 _DARK_BRIGHT = (1.0, 99.0)  # percentiles of the samples
 
@@ -90,9 +90,10 @@ class GeoTiff:
         geodetic = self.frame.geodetic_from_enu(np.column_stack([xy_enu_m, np.zeros(len(xy_enu_m))]))
         x, y = self._from_wgs84.transform(geodetic[:, 1], geodetic[:, 0])
         a, b, c, d, e, f = self.affine
-        if self.crs.is_geographic:  # its longitudes may end at 180 or go on
+        if self.crs.is_geographic:  # its longitudes may end at 180 or go on; the area's are not torn apart
             middle = a * self.size_px[0] / 2 + b * self.size_px[1] / 2 + c
-            x = middle + (np.asarray(x) - middle + 180.0) % 360.0 - 180.0
+            origin = middle + (self.frame.longitude_deg - middle + 180.0) % 360.0 - 180.0
+            x = origin + (np.asarray(x) - origin + 180.0) % 360.0 - 180.0
         x, y, whole = np.asarray(x) - c, np.asarray(y) - f, a * e - b * d
         pixels = np.column_stack([(e * x - b * y) / whole, (a * y - d * x) / whole])
         if not np.isfinite(pixels).all():
@@ -115,32 +116,45 @@ class GeoTiff:
         beyond = np.maximum(np.maximum(-pixels, pixels - np.array(self.size_px)), 0.0)
         return np.asarray(np.hypot(beyond[..., 0], beyond[..., 1]) * self.pixel_m)
 
-    def outline_enu_m(self) -> shapely.Polygon:
-        """Where the raster lies. Raises UserError where its coordinates are none of its CRS."""
-        share, low, high = np.linspace(0.0, 1.0, _BORDER), np.zeros(_BORDER), np.ones(_BORDER)
-        column = np.concatenate([share, high, share[::-1], low]) * self.size_px[0]
-        row = np.concatenate([low, share, high, share[::-1]]) * self.size_px[1]
-        a, b, c, d, e, f = self.affine
-        x, y = a * column + b * row + c, d * column + e * row + f
-        to_wgs84 = pyproj.enums.TransformDirection.INVERSE
-        longitude, latitude = self._from_wgs84.transform(x, y, direction=to_wgs84)
-        geodetic = np.column_stack([latitude, longitude, np.full(len(x), self.frame.altitude_m)])
-        if not np.isfinite(geodetic).all():
-            raise self.error("its coordinates lie outside its CRS; save it again with the right CRS")
-        return shapely.Polygon(self.frame.enu_from_geodetic(geodetic)[:, :2])
+    def covered(self, ground_enu_m: shapely.Polygon) -> shapely.Geometry:
+        """Which part of some ground it covers. Raises UserError where its CRS does not reach there."""
+        raster = shapely.box(0.0, 0.0, *self.size_px)
+        ground = shapely.transform(_with_nodes(ground_enu_m), self.pixels_at)
+        if shapely.covers(raster, ground):
+            return ground_enu_m
+        shared = shapely.intersection(raster, ground)
+        return shapely.transform(shared, lambda px: self.frame.enu_from_geodetic(self._geodetic(px))[:, :2])
 
-    def overlap(self, bounds_enu_m: Bounds) -> shapely.Polygon:
+    def overlap(self, bounds_enu_m: Bounds) -> shapely.Geometry:
         """Where it lies within bounds. Raises UserError where it does not."""
-        outline, ground = self.outline_enu_m(), shapely.box(*bounds_enu_m)
-        shared = shapely.intersection(outline, ground)
+        ground = shapely.box(*bounds_enu_m)
+        shared = self.covered(ground)
         if shared.area == 0.0:
-            away_km = shapely.distance(outline, ground) / 1e3
+            away_km = self._away_km(ground)
             at = f"{self.frame.latitude_deg:g}, {self.frame.longitude_deg:g}"
             raise self.error(
                 f"does not overlap the area, {away_km:.1f} km away; give a raster of this area, or write "
                 f"home's latitude_deg and longitude_deg (now {at})"
             )
         return shared
+
+    def _away_km(self, ground_enu_m: shapely.Polygon) -> float:
+        """From some ground to the raster. Raises UserError where its coordinates are none of its CRS."""
+        edge = shapely.get_coordinates(_with_nodes(ground_enu_m))
+        there = self._geodetic(np.clip(self.pixels_at(edge), 0.0, self.size_px))
+        here = self.frame.geodetic_from_enu(np.column_stack([edge, np.zeros(len(edge))]))
+        if not np.isfinite(there).all():
+            raise self.error("its coordinates lie outside its CRS; save it again with the right CRS")
+        geod = pyproj.Geod(ellps="WGS84")
+        return float(np.min(geod.inv(here[:, 1], here[:, 0], there[:, 1], there[:, 0])[2])) / 1e3
+
+    def _geodetic(self, pixels: F64) -> F64:
+        """Latitude, longitude, altitude (N, 3) of columns and rows (N, 2), at the frame's altitude."""
+        (column, row), (a, b, c, d, e, f) = pixels.T, self.affine
+        x, y = a * column + b * row + c, d * column + e * row + f
+        to_wgs84 = pyproj.enums.TransformDirection.INVERSE
+        longitude, latitude = self._from_wgs84.transform(x, y, direction=to_wgs84)
+        return np.column_stack([latitude, longitude, np.full(len(pixels), self.frame.altitude_m)])
 
     def window(self, pixels: F64, pad: int) -> Part | None:
         """The part around places (..., 2), wider by ``pad`` pixels; None where all lie off the raster."""
@@ -167,7 +181,10 @@ class GeoTiff:
         with opened(self.path, self.field) as file:
             try:
                 values = file.read(index, window=window, out_shape=shape, resampling=resampling)
-                is_valid = file.dataset_mask(window=window, out_shape=(rows, columns)) > 0
+                if bands is None:  # what another band has does not make this one valid
+                    is_valid = file.read_masks(1, window=window, out_shape=(rows, columns)) > 0
+                else:
+                    is_valid = file.dataset_mask(window=window, out_shape=(rows, columns)) > 0
             except rasterio.errors.RasterioError:
                 raise self.error("is damaged; copy it again") from None
         across, down = part.wide / columns, part.tall / rows
@@ -241,6 +258,10 @@ def opened(path: Path, field: str) -> Iterator[Any]:
         raise UserError(f"{field}: {path}: is no GeoTIFF; save it as one") from None
     with file:
         yield file
+
+
+def _with_nodes(ground_enu_m: shapely.Polygon) -> shapely.Polygon:
+    return shapely.segmentize(ground_enu_m, ground_enu_m.length / (4 * _BORDER))
 
 
 def between_nodes(of: Callable[[F64], F64], x_m: F64, y_m: F64) -> F64:
