@@ -92,6 +92,16 @@ def test_one_area_from_every_kind_of_file(tmp_path, name, content):
     assert len(area.interiors) == 1
 
 
+def test_one_inner_boundary_may_hold_several_rings(tmp_path):
+    other = lon_lat(shapely.box(120, 30, 160, 70).exterior)
+    two = kml().replace("</innerBoundaryIs>", "", 1)
+    ring = "<LinearRing><coordinates>" + " ".join(f"{lon},{lat}" for lon, lat in other)
+    two = two.replace("</Polygon>", f"{ring}</coordinates></LinearRing></innerBoundaryIs></Polygon>", 1)
+    area, _ = read_area(save(tmp_path, "a.kml", two), FRAME)
+    assert len(area.interiors) == 2
+    assert area.area == pytest.approx(SQUARE.area - 1600.0, rel=1e-5)
+
+
 def test_without_a_frame_the_area_lies_around_its_centroid(tmp_path):
     area, frame = read_area(save(tmp_path, "a.kml", kml()))
     assert math.hypot(area.centroid.x, area.centroid.y) < 0.01

@@ -87,6 +87,14 @@ def test_a_file_is_only_replaced_when_told(place):
     assert load_scenario(place / "mine.yaml").name == "mine"
 
 
+def test_nothing_that_was_given_is_replaced(place):
+    before = (place / "area.geojson").read_bytes()
+    refused = new("--out", "area.geojson", "--overwrite")
+    assert refused.exit_code == 2
+    assert "area.geojson: was given, and would be replaced; write another place with --out" in refused.output
+    assert (place / "area.geojson").read_bytes() == before
+
+
 @pytest.mark.parametrize("target", ["person", "boat", "stop sign"])
 def test_heights_suit_the_target(place, target):
     assert new("--out", "mine.yaml", "--target", target).exit_code == 0

@@ -1,3 +1,4 @@
+import itertools
 import json
 import math
 import struct
@@ -22,9 +23,10 @@ from skysweep.planning.qgc import (
     plan_for_qgc,
     read_plan,
     survey_polygons,
+    warnings_for_file,
     write_plan,
 )
-from skysweep.scenarios.model import Area, CameraModel, Home, Scenario, Terrain
+from skysweep.scenarios.model import Area, CameraModel, Home, Safety, Scenario, Terrain
 from skysweep.worlds.world import build_terrain
 
 AREA = [(0, 0), (200, 0), (200, 60), (60, 60), (60, 200), (0, 200)]
@@ -189,10 +191,10 @@ def test_over_hills_the_path_stays_above_the_ground_by_the_scan_altitude(tmp_pat
     assert again.waypoints_xy_enu_m == pytest.approx(coverage.waypoints_xy_enu_m, abs=0.05)
 
 
-def test_a_ridge_on_the_way_out_and_home_is_flown_over():
+def test_a_ridge_on_the_way_out_and_home_is_followed():
     """It lies between home and the area, and is higher than the scan."""
     heights = np.zeros((30, 60))  # over area and home, west to east
-    heights[:, 10:16] = 100.0
+    heights[:, 8:23] = np.interp(np.arange(15), [0, 6, 8, 14], [0.0, 60.0, 60.0, 0.0])
     s = scenario(
         terrain=Terrain(heightmap_m=heights.tolist()),
         home=Home(position_enu_m=(-200, 40), altitude_amsl_m=500),
@@ -200,12 +202,36 @@ def test_a_ridge_on_the_way_out_and_home_is_flown_over():
     )
     assert build_terrain(s).height_m(np.array([[-200.0, 40.0], [100.0, 40.0]])) == pytest.approx([0.0, 0.0])
     plan = plan_for_qgc(s, planned(s))
-    take_off = plan.mission.items[0].params[6]
-    items = plan.surveys[0].TransectStyleComplexItem.Items
-    assert take_off >= 130 - 1
-    assert min(items[0].params[6], items[-1].params[6]) >= 500 + 130 - 1
-    assert items[1].params[4:6] == items[0].params[4:6]
-    assert items[1].params[6] < 545
+    survey = plan.surveys[0].TransectStyleComplexItem
+    assert plan.mission.items[0].params[6] == pytest.approx(30.0, abs=1.0)
+    path = np.array([item.params[4:] for item in survey.Items])
+    xy = s.frame.enu_from_geodetic(np.column_stack([path[:, :2], np.full(len(path), s.frame.altitude_m)]))
+    above = np.array([(-200.0, 40.0, 30.0), *np.column_stack([xy[:, :2], path[:, 2] - 500.0])])
+    clearances = []
+    for start, end in itertools.pairwise(above):
+        along = start + np.linspace(0.0, 1.0, 100)[:, None] * (end - start)
+        clearances.append(along[:, 2] - build_terrain(s).height_m(along[:, :2]))
+    assert np.concatenate(clearances).min() > 30.0 - 1.0
+    assert np.concatenate(clearances).max() < 30.0 + 12.0
+    assert above[-1, :2] == pytest.approx((-200.0, 40.0), abs=0.1), "home, where it lands"
+    assert not [*warnings_for_file(s, plan)]
+    drawn = [(lat, lon) for lat, lon in survey.VisualTransectPoints]
+    assert len(drawn) < len(survey.Items), "the ways are none of the transects"
+    again = coverage_from_qgc(plan, s.frame, s.camera.lens, 30.0)
+    assert again.waypoints_xy_enu_m == pytest.approx(planned(s).waypoints_xy_enu_m, abs=0.05)
+
+
+def test_near_the_ceiling_the_path_keeps_closer_to_the_ground():
+    low = scenario(terrain=Terrain(hills_height_m=40), home=Home(altitude_amsl_m=200))
+    high = scenario(
+        terrain=Terrain(hills_height_m=40),
+        home=Home(altitude_amsl_m=200),
+        safety=Safety(altitude_max_agl_m=31.0),
+    )
+    files = [plan_for_qgc(s, planned(s)) for s in (low, high)]
+    points = [len(f.surveys[0].TransectStyleComplexItem.Items) for f in files]
+    assert points[1] > points[0]
+    assert not [*warnings_for_file(low, files[0])]
 
 
 def test_plain_waypoints_become_the_path_in_order(tmp_path):

@@ -218,7 +218,7 @@ def _about_ground(scenario: Scenario) -> Iterator[str]:
     yield from notes_on_buildings(scenario)
     if picture is not None:
         ground = shapely.box(*ground_bounds(scenario))
-        share = shapely.intersection(picture.source.outline_enu_m(), ground).area / ground.area
+        share = picture.source.covered(ground).area / ground.area
         if share < 1.0 - _WORTH_SAYING:
             yield f"terrain.orthophoto: pictures {share:.0%} of the ground; the rest is drawn as the surface"
         if not picture.source.is_coarse_too:

@@ -268,8 +268,14 @@ def _kml_polygons(data: bytes, path: Path) -> Iterator[shapely.Polygon]:
     except (ParseError, ValueError, LookupError) as error:
         raise UserError(f"{path}: is not KML ({error}); export the area again") from None
     for polygon in _descendants(root, "Polygon"):
-        outer = [_kml_ring(r) for r in _descendants(polygon, "outerBoundaryIs")]
-        inner = [_kml_ring(r) for r in _descendants(polygon, "innerBoundaryIs")]
+        outer, inner = (
+            [
+                _kml_corners(r)
+                for edge in _descendants(polygon, side)
+                for r in _descendants(edge, "LinearRing")
+            ]
+            for side in ("outerBoundaryIs", "innerBoundaryIs")
+        )
         yield _polygon(outer[:1] + inner, path)
 
 
@@ -277,6 +283,6 @@ def _descendants(element: Element, name: str) -> Iterator[Element]:
     return (e for e in element.iter() if isinstance(e.tag, str) and e.tag.rpartition("}")[2] == name)
 
 
-def _kml_ring(boundary: Element) -> list[list[str]]:
-    text = " ".join(e.text or "" for e in _descendants(boundary, "coordinates"))
+def _kml_corners(ring: Element) -> list[list[str]]:
+    text = " ".join(e.text or "" for e in _descendants(ring, "coordinates"))
     return [corner.split(",") for corner in text.split()]

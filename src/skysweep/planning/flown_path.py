@@ -1,8 +1,6 @@
 """The whole flight of a plan over its terrain: how high above the ground, where the radio reaches it.
 
-Transects are flown as their profiles say. On every other leg, also out and home, the vehicle follows the
-ground 2 s ahead of it as its climb and descent allow, and waits where it would come nearer to the ground than
-it should: so it is predicted here as ``mission/loop.py`` flies it.
+Transects are flown as their profiles say, every other leg, also out and home, as ``relief.py`` predicts.
 """
 
 from __future__ import annotations
@@ -16,7 +14,8 @@ from numpy.typing import NDArray
 
 from skysweep.arrays import F64
 from skysweep.planning.coverage import CoveragePlan
-from skysweep.planning.following import LOOK_AHEAD_S, ground_along
+from skysweep.planning.following import ground_along
+from skysweep.planning.relief import heights_over
 from skysweep.planning.sight import height_over_ground
 from skysweep.scenarios.model import Scenario
 from skysweep.types import XY
@@ -54,7 +53,7 @@ def flown_path(
 ) -> FlownPath:
     """The path from home along the plan and back, straight from waypoint to waypoint."""
     home = np.array([scenario.home.position_enu_m], dtype=float)
-    keep_m = min(scenario.safety.clearance_m, altitude_agl_m)
+    keep_m = scenario.safety.clearance_m
     corners = np.concatenate([home, plan.waypoints_xy_enu_m, home])
     profiles = {p.leg_xy_enu_m.tobytes(): p for p in plan.profiles}
     vehicle, scan_mps = scenario.vehicle, scenario.search.scan_speed_mps
@@ -70,13 +69,8 @@ def flown_path(
             height = profile.height_m
         else:
             speed_mps = vehicle.cruise_speed_mps if k == len(corners) - 2 else scan_mps
-            step_s = math.dist(*leg) / (len(ground) - 1) / speed_mps
-            ahead = round(LOOK_AHEAD_S / max(step_s, 1e-9)) if step_s > 0.0 else 0
-            wanted = np.maximum(
-                ground, np.append(ground[ahead:], np.full(min(ahead, len(ground)), ground[-1]))
-            )
-            rates = vehicle.climb_speed_mps * step_s, vehicle.descent_speed_mps * step_s
-            height = _follow(wanted[: len(ground)] + altitude_agl_m, ground + keep_m, height_m, *rates)
+            along = math.dist(*leg) * share[:, 0]
+            height = heights_over(along, ground, height_m, speed_mps, altitude_agl_m, keep_m, vehicle)
         height_m = float(height[-1])
         parts.append((xy, ground, height))
         counts.append(counts[-1] + len(ground))
@@ -98,16 +92,6 @@ def hidden_from(mast: F64, path: FlownPath, terrain: TerrainSurface) -> NDArray[
         return np.zeros(len(path.height_m), dtype=bool)
     places = np.column_stack([path.xy_enu_m, path.height_m])
     return _hidden(terrain.heights_m, terrain.bounds_enu_m, mast, places)
-
-
-@njit(cache=True)
-def _follow(wanted: F64, least: F64, begin: float, climb: float, sink: float) -> F64:
-    """Heights (K,) towards those wanted, as fast as it climbs and sinks a station; it waits to stay above."""
-    height = np.empty(len(wanted))
-    height[0] = max(begin, least[0])
-    for k in range(1, len(wanted)):
-        height[k] = max(min(wanted[k], height[k - 1] + climb), height[k - 1] - sink, least[k])
-    return height
 
 
 @njit(cache=True)

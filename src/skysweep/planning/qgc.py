@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import shapely
@@ -66,9 +66,8 @@ _FRAME_ABOVE: dict[int, Above] = {
     11: "terrain",
 }
 _STRAIGHT_M = 0.02
-_STEP_M = 5.0  # along a leg, to look at the ground
-_PROFILE_M = 5.0  # above what is needed, about
-_CLIMBS_M = 0.5  # less is no reason to climb in place
+_STEP_M = 2.5  # along a leg, to look at the ground
+_LEAST_PROFILE_M, _PROFILE_M = 0.5, 5.0  # off what is needed, about
 _GLOBAL, _MISSION, _RELATIVE = 0, 2, 3  # MAV_FRAME
 _MODE_ABOVE: dict[int, Above] = {1: "home", 2: "sea level", 3: "terrain", 4: "terrain"}
 _ABOVE_HOME, _CALCULATED_ABOVE_TERRAIN = 1, 3  # QGroundControl's altitude modes
@@ -275,7 +274,7 @@ def plan_for_qgc(scenario: Scenario, plan: CoveragePlan, altitude_agl_m: float |
 
     Over flat ground altitudes are above home. Over hills they are above sea level: the path follows the
     ground, nowhere nearer to it than ``altitude_agl_m`` (default: the scan altitude), also on the way out
-    and home. For that it has more waypoints, and may climb at its first and last one.
+    and home. For that it has more waypoints; those of the ways are items of the survey beside its transects.
     """
     height = scenario.search.scan_altitude_agl_m if altitude_agl_m is None else altitude_agl_m
     frame, terrain = scenario.frame, build_terrain(scenario)
@@ -286,12 +285,14 @@ def plan_for_qgc(scenario: Scenario, plan: CoveragePlan, altitude_agl_m: float |
     sea_level_m = scenario.home.altitude_amsl_m if dem is None else dem.home_amsl_m
     path, rises_m = plan.waypoints_xy_enu_m, height
     if terrain.is_flat:
-        frame_id, mode, heights = _RELATIVE, _ABOVE_HOME, np.full(len(path), height)
+        frame_id, mode, flown, heights = _RELATIVE, _ABOVE_HOME, path, np.full(len(path), height)
     else:
         frame_id, mode = _GLOBAL, _CALCULATED_ABOVE_TERRAIN
-        path, above_enu_m = _over_ground(terrain, plan, home_xy[0], height)
-        heights, rises_m = sea_level_m + above_enu_m, max(height, float(above_enu_m[0]) - home_ground)
-    points = _geodetic(frame, path)
+        room_m = scenario.safety.altitude_max_agl_m - height
+        ways = _over_ground(terrain, plan, home_xy[0], height, room_m)
+        path, rises_m = ways.path[0], float(ways.out[1][0]) - home_ground
+        flown, above_enu_m = (np.concatenate(parts)[1:] for parts in zip(*ways, strict=True))
+        heights = sea_level_m + above_enu_m
 
     def command(number: int, *params: float | None, frame: int = _MISSION) -> dict[str, Any]:
         return {"command": number, "frame": frame, "params": [*params, *[0.0] * (7 - len(params))]}
@@ -303,14 +304,14 @@ def plan_for_qgc(scenario: Scenario, plan: CoveragePlan, altitude_agl_m: float |
     ]
     survey_items = [
         command(WAYPOINT, 0.0, 0.0, 0.0, None, *point, float(z), frame=frame_id)
-        for point, z in zip(points, heights, strict=True)
+        for point, z in zip(_geodetic(frame, flown), heights, strict=True)
     ]
     for i, item in enumerate([*first, *survey_items], 1):
         item["doJumpId"] = i
     last = {**command(RETURN), "doJumpId": 1 + len(first) + len(survey_items)}
     style = Transects(
         CameraCalc=_camera_calc(scenario, plan, height, mode),
-        VisualTransectPoints=points,
+        VisualTransectPoints=_geodetic(frame, path),
         Items=[SimpleItem.model_validate(item) for item in survey_items],
         **(_terrain_keys(scenario) if mode == _CALCULATED_ABOVE_TERRAIN else {}),
     )
@@ -331,6 +332,39 @@ def plan_for_qgc(scenario: Scenario, plan: CoveragePlan, altitude_agl_m: float |
         ),
         geoFence=GeoFence(polygons=fences),
     )
+
+
+def warnings_for_file(scenario: Scenario, plan: QgcPlan) -> Iterator[str]:
+    """A sentence where a vehicle that flies what ``plan_for_qgc`` made gets above the ceiling."""
+    if build_terrain(scenario).is_flat:
+        return
+    highest_m, ceiling_m = _highest_agl_m(scenario, plan), scenario.safety.altitude_max_agl_m
+    if highest_m > ceiling_m + 2.0 * _LEAST_PROFILE_M:
+        yield (
+            f"safety.altitude_max_agl_m: is {ceiling_m:g}, and who flies the .plan file gets to "
+            f"{highest_m:.0f} m above ground where hills are steep; scan lower, or let skysweep fly the "
+            "mission"
+        )
+
+
+def _highest_agl_m(scenario: Scenario, plan: QgcPlan) -> float:
+    """The greatest height above ground on a path of ``plan_for_qgc`` over hills, from home and back."""
+    frame, terrain = scenario.frame, build_terrain(scenario)
+    home = np.array(scenario.home.position_enu_m, dtype=float)
+    home_ground = float(terrain.height_m(home[None])[0])
+    sea_level_m = plan.mission.plannedHomePosition[2] - home_ground
+    (survey,), takeoff = plan.surveys, plan.mission.items[0]
+    places = np.array([item.params[4:] for item in survey.TransectStyleComplexItem.Items], dtype=float)
+    xy = frame.enu_from_geodetic(np.column_stack([places[:, :2], np.full(len(places), frame.altitude_m)]))
+    heights_m = places[:, 2] - sea_level_m
+    assert isinstance(takeoff, SimpleItem)
+    rises_m = home_ground + (takeoff.params[6] or 0.0)
+    path, over = np.concatenate([home[None], xy[:, :2]]), np.append(rises_m, heights_m)
+    highest = -math.inf
+    for (start, end), (low, high) in zip(pairwise(path), pairwise(over.tolist()), strict=True):
+        along, ground_m = _needed(terrain, start, end, 0.0)
+        highest = max(highest, float((np.linspace(low, high, len(along)) - ground_m).max()))
+    return highest
 
 
 def coverage_from_qgc(plan: QgcPlan, frame: LocalFrame, lens: Lens, altitude_agl_m: float) -> CoveragePlan:
@@ -411,24 +445,34 @@ def _geodetic(frame: LocalFrame, xy_enu_m: F64) -> list[LatLon]:
     return [(float(lat), float(lon)) for lat, lon, _ in frame.geodetic_from_enu(xyz)]
 
 
-def _over_ground(
-    terrain: TerrainSurface, plan: CoveragePlan, home_xy: F64, height_m: float
-) -> tuple[F64, F64]:
-    """A path (M, 2) along a plan's, and heights (M,), ``height_m`` or more above ground.
+class _Ways(NamedTuple):
+    """Places (N, 2) and heights (N,), ENU, of a path over hills, of the way to it, and of the way home."""
 
-    They are no lower than the plan's profiles, from which all of the area is seen. The first and last place
-    are there twice where the way from and to home is higher than the path.
+    out: tuple[F64, F64]
+    path: tuple[F64, F64]
+    home: tuple[F64, F64]
+
+
+def _over_ground(
+    terrain: TerrainSurface, plan: CoveragePlan, home_xy: F64, height_m: float, room_m: float
+) -> _Ways:
+    """A path along a plan's, ``height_m`` or more above ground, from and to home.
+
+    It is no lower than the plan's profiles, from which all of the area is seen, and closer to these the less
+    ``room_m`` the vehicle may fly higher.
     """
+    near_m = min(max(_LEAST_PROFILE_M, room_m / 3.0), _PROFILE_M)
     xy, profiles = plan.waypoints_xy_enu_m, {p.leg_xy_enu_m.tobytes(): p for p in plan.profiles}
-    places, heights = [xy[:1]], [np.full(1, -math.inf)]
-    for start, end in pairwise(xy):
+    around = np.concatenate([home_xy[None], xy, home_xy[None]])
+    places, heights, n_bends = [around[:1]], [np.full(1, -math.inf)], []
+    for start, end in pairwise(around):
         along, needed_m = _needed(terrain, start, end, height_m)
         profile = profiles.get(np.array([start, end]).tobytes())
         if profile is not None:
             stations_m = np.linspace(0.0, profile.length_m, len(along))
             needed_m = np.maximum(needed_m, np.interp(stations_m, profile.along_m, profile.height_m))
         flown_m = np.linspace(0.0, float(np.linalg.norm(end - start)), len(along))
-        kept = _bends(np.column_stack([flown_m, needed_m]), _PROFILE_M)
+        kept = _bends(np.column_stack([flown_m, needed_m]), near_m)
         lifted = needed_m[kept]
         for k, (i, j) in enumerate(pairwise(kept.tolist())):
             short_m = (needed_m[i : j + 1] - np.linspace(needed_m[i], needed_m[j], j - i + 1)).max()
@@ -436,13 +480,11 @@ def _over_ground(
         heights[-1][-1] = max(heights[-1][-1], lifted[0])
         places.append(along[kept[1:]])
         heights.append(lifted[1:])
-    path, over = np.concatenate(places), np.concatenate(heights)
-    out_m, home_m = (_needed(terrain, home_xy, path[end], height_m)[1].max() for end in (0, -1))
-    if out_m > over[0] + _CLIMBS_M:
-        path, over = np.concatenate([path[:1], path]), np.append(out_m, over)
-    if home_m > over[-1] + _CLIMBS_M:
-        path, over = np.concatenate([path, path[-1:]]), np.append(over, home_m)
-    return path, over
+        n_bends.append(len(kept) - 1)
+    flown, over = np.concatenate(places), np.concatenate(heights)
+    first, last = n_bends[0], len(flown) - n_bends[-1]
+    parts = slice(0, first), slice(first, last), slice(last, None)
+    return _Ways(*((flown[part], over[part]) for part in parts))
 
 
 def _needed(terrain: TerrainSurface, start: F64, end: F64, height_m: float) -> tuple[F64, F64]:

@@ -24,7 +24,7 @@ CLIMB_SHARE = 0.5  # of the climb speed that is planned with for what is ahead
 _MOST_STATIONS = 1024  # of one leg
 
 _Bounds = tuple[float, float, float, float]
-_Rules = tuple[float, float, float, float, float]
+_Rules = tuple[float, float, float, float]  # altitude, nearest to the ground, climb and sink speed
 
 
 class Hills(NamedTuple):
@@ -56,16 +56,35 @@ def over_hills(
         upright_s = up_m / climb_mps + down_m / sink_mps
         lasts_s = np.linalg.norm(np.diff(ways, axis=1), axis=2).sum(axis=1) / speeds
         return Hills(np.maximum(upright_s - lasts_s, 0.0), np.full(n, up_m), np.full(n, down_m))
-    rules = above_m, altitude_agl_m, min(keep_m, altitude_agl_m), climb_mps, sink_mps
-    return Hills(*_over_hills(terrain.heights_m, terrain.bounds_enu_m, ways, speeds, rules))
+    rules = _rules(altitude_agl_m, keep_m, vehicle)
+    return Hills(*_over_hills(terrain.heights_m, terrain.bounds_enu_m, ways, above_m, speeds, rules))
+
+
+def heights_over(
+    along_m: F64,
+    ground_m: F64,
+    begin_m: float,
+    speed_mps: float,
+    altitude_agl_m: float,
+    keep_m: float,
+    vehicle: VehicleLimits,
+) -> F64:
+    """Heights (K,) over stations of a way with this ground (K,), from a height ``begin_m``, all ENU."""
+    return _heights(along_m, ground_m, begin_m, speed_mps, _rules(altitude_agl_m, keep_m, vehicle))
+
+
+def _rules(altitude_agl_m: float, keep_m: float, vehicle: VehicleLimits) -> _Rules:
+    return altitude_agl_m, min(keep_m, altitude_agl_m), vehicle.climb_speed_mps, vehicle.descent_speed_mps
 
 
 @njit(cache=True)
-def _over_hills(grid: F64, bounds: _Bounds, ways: F64, speeds: F64, rules: _Rules) -> tuple[F64, F64, F64]:
+def _over_hills(
+    grid: F64, bounds: _Bounds, ways: F64, above: float, speeds: F64, rules: _Rules
+) -> tuple[F64, F64, F64]:
     lost, up, down = np.zeros(len(ways)), np.zeros(len(ways)), np.zeros(len(ways))
     for k in range(len(ways)):
         along, ground = _stations(grid, bounds, ways[k])
-        lost[k], up[k], down[k] = _flown(along, ground, speeds[k], rules)
+        lost[k], up[k], down[k] = _flown(along, ground, above, speeds[k], rules)
     return lost, up, down
 
 
@@ -91,16 +110,34 @@ def _stations(grid: F64, bounds: _Bounds, way: F64) -> tuple[F64, F64]:
 
 
 @njit(cache=True)
-def _flown(along: F64, ground: F64, speed: float, rules: _Rules) -> tuple[float, float, float]:
+def _flown(along: F64, ground: F64, above: float, speed: float, rules: _Rules) -> tuple[float, float, float]:
     """Seconds lost, metres up and metres down over stations (S,)."""
-    above, altitude, keep, climb, sink = rules
+    altitude, _, climb, sink = rules
+    before, last = ground[0] + above, len(along) - 1
+    lost, up, down = 0.0, 0.0, 0.0
+    heights = _heights(along, ground, before, speed, rules)
+    for s in range(last + 1):
+        lasts = (along[s] - along[s - 1]) / speed if s > 0 else 0.0
+        rise = heights[s] - before
+        lost += max(rise / climb - lasts, 0.0)  # it climbs no faster: it waited
+        up += max(rise, 0.0)
+        down += max(-rise, 0.0)
+        before = heights[s]
+    off = ground[last] + altitude - heights[last]
+    lost += off / climb if off > 0.0 else -off / sink
+    return lost, up + max(off, 0.0), down + max(-off, 0.0)
+
+
+@njit(cache=True)
+def _heights(along: F64, ground: F64, begin: float, speed: float, rules: _Rules) -> F64:
+    altitude, keep, climb, sink = rules
     slope = CLIMB_SHARE * climb / speed
     last = len(along) - 1
     rising = ground.copy()  # the height at which a climb for all that is ahead has begun
     for s in range(last - 1, -1, -1):
         rising[s] = max(ground[s], rising[s + 1] - slope * (along[s + 1] - along[s]))
-    lost, up, down = 0.0, 0.0, 0.0
-    height = ground[0] + above
+    heights = np.empty(last + 1)
+    height = begin
     near, ahead = 0, 0
     for s in range(last + 1):
         while near < last and along[near + 1] <= along[s] + BRAKING_S * speed:
@@ -111,14 +148,7 @@ def _flown(along: F64, ground: F64, speed: float, rules: _Rules) -> tuple[float,
         wanted = max(ground[s], ground[ahead]) + altitude
         if max(least, rising[near] + keep) > wanted:
             wanted = max(least, rising[near] + keep) + ROOM_M
-        before = height
         lasts = (along[s] - along[s - 1]) / speed if s > 0 else 0.0
-        height = min(max(wanted, height - sink * lasts), height + climb * lasts)
-        if height < least:
-            lost += (least - height) / climb
-            height = least
-        up += max(height - before, 0.0)
-        down += max(before - height, 0.0)
-    off = ground[last] + altitude - height
-    lost += off / climb if off > 0.0 else -off / sink
-    return lost, up + max(off, 0.0), down + max(-off, 0.0)
+        height = max(min(max(wanted, height - sink * lasts), height + climb * lasts), least)
+        heights[s] = height
+    return heights

@@ -154,9 +154,14 @@ def test_five_find_nearly_as_much_as_one(name):
 def test_a_map_of_120_by_120_takes_less_than_a_second(n):
     plan_search(MAPS["three"], CELL_M, ORIGIN, INSIDE, 20_000, 10.0, n)
     for budget_m in (5_000, 29_000, 50_000):
-        begin = time.process_time()
-        plan_search(MAPS["three"], CELL_M, ORIGIN, INSIDE, budget_m, 10.0, n)
-        assert time.process_time() - begin < 1.0 * 3  # on a busy machine
+        took_s = []
+        for _ in range(3):  # on a busy machine
+            begin = time.process_time()
+            plan_search(MAPS["three"], CELL_M, ORIGIN, INSIDE, budget_m, 10.0, n)
+            took_s.append(time.process_time() - begin)
+            if took_s[-1] < 1.0:
+                break
+        assert min(took_s) < 2.0
 
 
 @pytest.mark.parametrize(
@@ -191,6 +196,15 @@ def test_a_budget_for_no_more_than_the_way_leads_towards_the_map():
     (path,) = plan_search(gaussian(60, 60, 12), CELL_M, ORIGIN, (-100.0, 600.0), 105.0, 30.0, 1)
     assert length(path) == pytest.approx(105.0)
     assert path[-1] == pytest.approx([5.0, 600.0], abs=20.0)
+
+
+def test_large_coordinates_do_not_lengthen_paths():
+    """As of UTM: each path begins at the start, bit for bit, and is no longer than its share."""
+    start = (500_123.4, 6_700_432.1)
+    paths = plan_search(gaussian(60, 60, 12), 10.0, (500_000.0, 6_700_000.0), start, 9_000.0, 30.0, 3, seed=2)
+    for path in paths:
+        assert tuple(path[0]) == start
+        assert length(path) <= 3_000.0
 
 
 def test_a_budget_of_one_sweep_is_planned():
@@ -229,6 +243,15 @@ def test_an_endless_budget_is_flown_as_far_as_it_finds_anything():
         ({"n_uavs": 1.5}, "n_uavs"),
         ({"n_uavs": float("nan")}, "n_uavs"),
         ({"seed": -1}, "seed"),
+        ({"seed": 1.5}, "seed: is 1.5"),
+        ({"seed": None}, "seed: is None"),
+        ({"poa": np.ma.masked_array([[1.0, 9.0]], mask=[[False, True]])}, "real and unmasked"),
+        ({"poa": np.ones((3, 3), complex)}, "real and unmasked"),
+        ({"cell_size_m": (10.0, 20.0)}, r"cell_size_m: is \(10.0, 20.0\)"),
+        ({"start_xy_m": "ab"}, "start_xy_m: is no place"),
+        ({"budget_m": "500"}, "budget_m: is '500'"),
+        ({"n_uavs": None}, "n_uavs: is None"),
+        ({"sweep_width_m": 1e5, "budget_m": 1e6}, "is 10000 cells wide; write cells of at least 100 m"),
     ],
 )
 def test_bad_input_is_told_in_one_sentence(changed, word):

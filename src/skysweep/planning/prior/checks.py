@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,9 +21,11 @@ def checked_poa(poa: ArrayLike, field: str = "poa") -> F64:
     Raises UserError where they are no such map: empty, negative, not finite, zero everywhere.
     """
     try:
-        values = np.array(poa, dtype=float)
+        if np.ma.is_masked(poa) or np.iscomplexobj(poa):
+            raise TypeError
+        values = np.array(poa, dtype=float, order="C")
     except (TypeError, ValueError):
-        raise UserError(f"{field}: is no table of numbers; write rows of probabilities") from None
+        raise UserError(f"{field}: is no table of numbers, real and unmasked; write rows of them") from None
     if values.ndim != 2 or not values.size:
         shape = "x".join(map(str, values.shape)) or "one number"
         raise UserError(f"{field}: is {shape}, not rows and columns; write a map with at least one cell")
@@ -43,14 +46,18 @@ def checked_poa(poa: ArrayLike, field: str = "poa") -> F64:
 
 def positive(value: float, field: str, unit: str = "metres") -> float:
     """The number. Raises UserError where it is none above 0."""
-    if not (math.isfinite(value) and value > 0.0):
-        raise UserError(f"{field}: is {value:g}; write {unit} above 0")
+    if not isinstance(value, Real) or not (math.isfinite(value) and value > 0.0):
+        shown = f"{value:g}" if isinstance(value, Real) else f"{value!r:.60}"
+        raise UserError(f"{field}: is {shown}; write {unit} above 0")
     return float(value)
 
 
 def place(xy_m: ArrayLike, field: str) -> F64:
     """A place (2,). Raises UserError where it is none."""
-    xy = np.asarray(xy_m, dtype=float)
+    try:
+        xy = np.asarray(xy_m, dtype=float)
+    except (TypeError, ValueError):
+        xy = np.empty(0)
     if xy.shape != (2,) or not np.isfinite(xy).all():
         raise UserError(f"{field}: is no place; write two numbers, east and north in metres")
     return xy
@@ -58,8 +65,8 @@ def place(xy_m: ArrayLike, field: str) -> F64:
 
 def uavs(count: int) -> int:
     """How many vehicles. Raises UserError where there can be no such number."""
-    if not 1 <= count <= MAX_UAVS or count != int(count):
-        raise UserError(f"n_uavs: is {count}; write a whole number from 1 to {MAX_UAVS}")
+    if not isinstance(count, Real) or not 1 <= count <= MAX_UAVS or count != int(count):
+        raise UserError(f"n_uavs: is {count!r:.60}; write a whole number from 1 to {MAX_UAVS}")
     return int(count)
 
 

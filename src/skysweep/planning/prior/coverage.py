@@ -22,7 +22,7 @@ def coverage_of(
 
     A sweep that is wider than a cell is as many lines beside each other as it takes cells.
     """
-    lines = math.ceil(sweep_width_m / cell_size_m - 1e-9)
+    lines = max(1, math.ceil(sweep_width_m / cell_size_m - 1e-9))
     length_m = np.zeros(shape)
     for path in paths_xy_m:
         for line in range(lines):

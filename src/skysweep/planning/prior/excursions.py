@@ -45,8 +45,8 @@ def _parts(paths: Paths, worth_per_m: float) -> tuple[F64, NDArray[np.int32]]:
     share = -np.expm1(-field.step)
     labels, n = ndimage.label(smooth * share > cost, structure=np.ones((3, 3)))
     index = np.arange(1, n + 1)
-    log_worth = np.log(left * share / cost, where=left > 0.0, out=np.full(left.shape, -1.0))
-    visits = np.maximum(np.floor(log_worth / field.step) + 1.0, 0.0)
+    log_left = np.log(left, where=left > 0.0, out=np.full(left.shape, -np.inf))
+    visits = np.maximum(np.floor((log_left + np.log(share / cost)) / field.step) + 1.0, 0.0)
     net = left * -np.expm1(-visits * field.step) - cost * visits
     pays = visits > 0.0
     return np.atleast_1d(ndimage.sum_labels(net, labels, index)), np.where(pays, labels, 0)

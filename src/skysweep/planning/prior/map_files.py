@@ -209,13 +209,21 @@ def geotiff_of(cells: ProbabilityMap, where: str) -> bytes:
         return bytes(memory.read())
 
 
-def read_heights(path: Path, cells: ProbabilityMap) -> F64:
+def read_heights(path: Path, cells: ProbabilityMap) -> tuple[F64, bool]:
     """Heights (R, C) of the ground in the middles of a map's cells from a GeoTIFF, metres.
 
-    Raises UserError where the file is no such GeoTIFF or does not reach over the whole map.
+    And whether the file tells their unit; else they are taken for metres. Raises UserError where it is no
+    such GeoTIFF or does not reach over the whole map.
     """
+    told: list[float | None] = []
+
+    def in_metres(file: Any, crs: pyproj.CRS, band: F64) -> F64:
+        told.append(metres_told((file.units[0] or "").strip(), crs))
+        heights = (band * file.scales[0] + file.offsets[0]) * (told[0] or 1.0)
+        return np.where((heights > HEIGHTS_M[0]) & (heights < HEIGHTS_M[1]), heights, np.nan)
+
     try:
-        heights = _band_of(path, np.nan, _metres_of).interpolated(cells)
+        heights = _band_of(path, np.nan, in_metres).interpolated(cells)
     except MissingExtraError:
         raise
     except UserError as error:
@@ -225,7 +233,7 @@ def read_heights(path: Path, cells: ProbabilityMap) -> F64:
         raise UserError(
             f"{path}: has no height for {percent(missing)} of the map; give one that covers all of it"
         )
-    return heights
+    return heights, told[0] is not None
 
 
 def _rasterio(where: Path | str) -> Any:
@@ -240,20 +248,13 @@ def _read_tiff(path: Path) -> Raster:
     return _band_of(path, 0.0)
 
 
-def _metres_of(file: Any, crs: pyproj.CRS, band: F64) -> F64:
-    """The heights of a GeoTIFF's first band in metres; none where they are of no place on earth."""
-    metres = metres_told((file.units[0] or "").strip(), crs) or 1.0
-    heights = (band * file.scales[0] + file.offsets[0]) * metres
-    return np.where((heights > HEIGHTS_M[0]) & (heights < HEIGHTS_M[1]), heights, np.nan)
-
-
 def _band_of(
     path: Path, nodata: float, changed: Callable[[Any, pyproj.CRS, F64], F64] = lambda _file, _crs, band: band
 ) -> Raster:
     rasterio = _rasterio(path)
     data = read_limited(path, MAX_MAP_BYTES)
     try:
-        with rasterio.MemoryFile(data) as memory, memory.open() as file:
+        with rasterio.MemoryFile(data) as memory, memory.open(driver="GTiff") as file:
             if file.width * file.height > MAX_CELLS:
                 raise UserError(f"has {file.width * file.height:,} cells; write at most {MAX_CELLS:,}")
             if file.crs is None:

@@ -104,6 +104,8 @@ def legs_over(along_m: float, across_m: float, count: int) -> F64:
 
 def _axes(heading_deg: float) -> F64:
     """Rows: the directions to the right of a heading and along it."""
+    if not math.isfinite(heading_deg):
+        raise UserError(f"heading_deg: is {heading_deg:g}; write degrees clockwise from north")
     along, left = heading_axes(heading_deg)
     return np.array([-left, along])
 

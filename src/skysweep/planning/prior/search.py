@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
+from numbers import Integral
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,6 +35,8 @@ _REVISIONS = 3
 _DEARER = 1.25  # the price in a revision
 _CHEAPER = 0.85  # the price from round to round, while there is budget left
 _ROUNDS = 40
+_MOST_CELLS_WIDE = 1000  # a sweep
+_ROUNDING = 1e-9  # of a path's length, by large coordinates
 _TIES = 1e-7  # by which the seed tells equal cells apart
 _NOWHERE = np.zeros((0, 2), dtype=np.int64)
 
@@ -74,13 +77,18 @@ def plan_search(
     origin, start = place(origin_xy_m, "origin_xy_m"), place(start_xy_m, "start_xy_m")
     width_m, n = positive(sweep_width_m, "sweep_width_m"), uavs(n_uavs)
     each_m = positive(budget_m, "budget_m") / n
-    if seed < 0:
-        raise UserError(f"seed: is {seed}; write a whole number from 0 on")
+    if not isinstance(seed, Integral) or seed < 0:
+        raise UserError(f"seed: is {seed!r:.60}; write a whole number from 0 on")
+    if width_m > _MOST_CELLS_WIDE * cell_m:
+        raise UserError(
+            f"sweep_width_m: is {width_m / cell_m:.0f} cells wide; write cells of at least "
+            f"{width_m / _MOST_CELLS_WIDE:g} m"
+        )
     way_m = way_to_map(p, cell_m, origin, start)
     if each_m <= way_m:
         raise UserError(
             f"budget_m: {each_m:g} m for each vehicle do not reach the map, which begins {way_m:.0f} m from "
-            f"the start; write more than {n * way_m:.0f}, or start nearer"
+            f"the start; write more than {math.ceil(n * way_m)}, or start nearer"
         )
     least_m = max(cell_m, width_m)
     if each_m < least_m:
@@ -92,7 +100,7 @@ def plan_search(
     p, corner = _without_border(p)
     origin = origin + cell_m * corner
     enough_m = ENOUGH_COVERAGE * np.prod(cell_m * np.array(p.shape) + width_m) / width_m + way_m
-    each_m = min(each_m, float(enough_m))
+    each_m = min(each_m * (1.0 - _ROUNDING), float(enough_m))
     lattice = lattice_over(p, cell_m, np.zeros(2), width_m, n * each_m)
     visits = n * each_m / lattice.pitch_m
     prices = _PRICES if visits < _MANY_VISITS else _PRICES[:1]
@@ -113,7 +121,10 @@ def plan_search(
     found = [
         np.sum(p * -np.expm1(-coverage_of(plan, p.shape, cell_m, np.zeros(2), width_m))) for plan in plans
     ]
-    return [origin + path for path in plans[int(np.argmax(found))]]
+    paths = [origin + path for path in plans[int(np.argmax(found))]]
+    for path in paths:
+        path[0] = start
+    return paths
 
 
 def _without_border(poa: F64) -> tuple[F64, F64]:
