@@ -215,6 +215,19 @@ def test_json_of_classes_and_false_ones_a_hectare(tmp_path):
     assert curve.average_precision == pytest.approx(0.5 * 1 + 0.5 * 2 / 3)
 
 
+def test_the_order_of_pictures_does_not_matter(tmp_path):
+    """A threshold takes all detections of one confidence, whichever picture comes first."""
+    labelled, empty = ([((10, 10, 20, 20), "person")], [], [], None), ([], [], [], None)
+    right, wrong = [((10, 10, 20, 20), 0.8, "person")], [((50, 50, 60, 60), 0.8, "person")]
+    found = []
+    for k, pictures in enumerate(([labelled, empty], [empty, labelled])):
+        (tmp_path / str(k)).mkdir()
+        answers = [right if p is labelled else wrong for p in pictures]
+        curve = precision_recall(evaluate(Oracle(answers), dataset(tmp_path / str(k), *pictures)), "person")
+        found.append((curve.confidence.tolist(), curve.average_precision))
+    assert found == [([0.8], 0.5)] * 2
+
+
 def test_two_names_of_the_detector_for_one_of_ours_are_one_detection(tmp_path):
     data = dataset(tmp_path, ([((10, 10, 20, 20), "person")], [], [], None))
     twice = [[((10, 10, 20, 20), 0.9, "pedestrian"), ((10, 10, 20, 21), 0.8, "people")]]

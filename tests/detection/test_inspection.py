@@ -53,6 +53,15 @@ def test_what_a_file_leaves_open_is_asked_for_by_the_commands_options(tmp_path):
     assert "detector.pixels" not in text
 
 
+def test_the_picture_itself_is_not_drawn_into(tmp_path):
+    cv2.imwrite(str(tmp_path / "grey.png"), np.full((320, 320, 3), 90, np.uint8))
+    before = (tmp_path / "grey.png").read_bytes()
+    code, _, text = inspected("skysweep", tmp_path / "grey.png", "--out", tmp_path / "grey.png")
+    assert code == 2
+    assert "was given, and would be replaced" in " ".join(text.split())
+    assert (tmp_path / "grey.png").read_bytes() == before
+
+
 def test_draws_the_boxes(tmp_path):
     picture = np.full((320, 320, 3), 90, np.uint8)
     cv2.imwrite(str(tmp_path / "grey.png"), picture)

@@ -127,6 +127,8 @@ def test_what_is_written_reads_the_same_in_both_formats(tmp_path):
             {"images": [{"id": 7, "file_name": "b.png", "width": 200, "height": 100}]},
             "b.png is neither beside",
         ),
+        ({"images": 2 * coco()["images"]}, "images: two have the same id"),
+        ({"categories": 2 * coco()["categories"]}, "categories: two have the same id"),
     ],
 )
 def test_malformed_coco(changes, message, tmp_path):
@@ -143,6 +145,7 @@ def test_malformed_coco(changes, message, tmp_path):
         ("0 0.5 0.5 0.1 0.1\n2 0.5 0.5 0.1 0.1", "line 2: class 2 is none of the 2"),
         ("1 0.5 0.5 0.1", "line 1: write  class"),
         ("person 0.5 0.5 0.1 0.1", "line 1: write  class"),
+        ("1 0.5 0.5 0.1 0.1 0.9", "line 1: write  class .* outline, and nothing else"),
         ("1 nan 0.5 0.1 0.1", "line 1: boxes are shares"),
         ("inf 0.5 0.5 0.1 0.1", "line 1: class inf is none of the 2"),
         ("nan 0.5 0.5 0.1 0.1", "line 1: class nan is none of the 2"),
@@ -220,6 +223,13 @@ def test_labels_in_capitals_and_boxes_without_area(tmp_path):
     (tmp_path / "labels" / "a.txt").rename(tmp_path / "labels" / "a.TXT")
     (image,) = read_dataset(tmp_path).images
     assert image.class_names == ("boat",)
+
+
+def test_outlines_are_the_boxes_around_them(tmp_path):
+    """As of segmentation, and of oriented boxes; and editors may begin a file with a byte order mark."""
+    yolo(tmp_path, "\ufeff1 0.1 0.2 0.3 0.2 0.25 0.5\n0 0.5 0.5 0.6 0.5 0.6 0.7 0.5 0.7\n")
+    (image,) = read_dataset(tmp_path).images
+    np.testing.assert_allclose(image.boxes_xyxy, [[0.1, 0.2, 0.3, 0.5], [0.5, 0.5, 0.6, 0.7]])
 
 
 def test_a_crowd_is_of_its_class(tmp_path):

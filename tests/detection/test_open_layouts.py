@@ -22,6 +22,7 @@ from test_yolo_outputs import (
     rf_detr,
     rt_detr,
     scores,
+    v7_end_to_end,
     v8,
     v8_segment,
     v10,
@@ -138,14 +139,27 @@ def paddle_nms():
     }
 
 
-def nanodet(strides):
+def far_out(outputs, where):
+    """One box of no score that reaches beyond any picture."""
+    ((name, a),) = outputs.items()
+    a = a.copy()
+    a[where] = [0.95, 0.5, 2.3, 0.2]
+    return {name: a}
+
+
+def counted(*names):
+    """Count, boxes, scores and labels under these names."""
+    return dict(zip(names, v7_end_to_end().values(), strict=True))
+
+
+def nanodet(strides, n_bins=8):
     """A box that reaches 3 strides to every side of a cell's centre, which is that of the known box."""
     cells, steps = cell_centres((SIDE, SIDE), strides)
     centre = (cells + (0 if len(strides) == 4 else 0.5)) * steps
-    a = np.zeros((1, len(cells), 112), np.float32)
+    a = np.zeros((1, len(cells), 80 + 4 * n_bins), np.float32)
     row = int(np.flatnonzero((steps[:, 0] == 16) & (np.abs(centre - CENTRE_SIZE[:2]) < 16).all(1))[0])
     sides = np.concatenate([centre[row] - CORNERS[:2], CORNERS[2:] - centre[row]]) / 16
-    bins = np.full((4, 8), -40.0)
+    bins = np.full((4, n_bins), -40.0)
     for side, at in zip(bins, sides, strict=True):
         low = int(at)
         side[low], side[low + 1] = np.log(1 - at % 1), np.log(at % 1 + 1e-20)
@@ -218,7 +232,7 @@ RIGHT = {
     "one normalised row, told": (final(*(CORNERS / SIDE), CONFIDENCE, CLASS), {"boxes": "normalised"}),
     "class, then score": (final(*BOX, CLASS, CONFIDENCE), {}),
     "class first": (final(CLASS, CONFIDENCE, *BOX), {"pixels": "imagenet"}),
-    "nas flat nms": (flat(0, *BOX, CONFIDENCE, CLASS), {}),
+    "nas flat nms": (flat(0, *BOX, CONFIDENCE, CLASS), {"name": "yolo_nas_s"}),
     "v7 flat nms": (flat(0, *BOX, CLASS, CONFIDENCE), {}),
     "paddle nms": (paddle_nms(), {"pixels": "imagenet"}),
     "openvino, told": (
@@ -238,9 +252,27 @@ RIGHT = {
     ),
     "zoo ssd, told": (
         zoo_ssd(),
-        {"pixels": "imagenet", "boxes": "normalised", "metadata": names_of(COCO_FROM_1)},
+        {
+            "pixels": "imagenet",
+            "channels": "rgb",
+            "boxes": "normalised",
+            "metadata": names_of(COCO_FROM_1),
+        },
     ),
-    "torchvision": (torchvision(), {"pixels": "0..1", "metadata": names_of(COCO_91)}),
+    "torchvision": (
+        torchvision(),
+        {"pixels": "0..1", "channels": "rgb", "metadata": names_of(COCO_91)},
+    ),
+    "a count, of no known family": (
+        counted("num_dets", "boxes", "scores", "labels"),
+        {"pixels": "0..255", "channels": "bgr", "metadata": ULTRALYTICS},
+    ),
+    "v8, normalised, one box without a score far out": (far_out(v8_normalised(), (0, slice(4), 50)), {}),
+    "v5, normalised, one box without a score far out": (
+        far_out(rows_normalised({"output": objectness_rows(3 * N_CELLS, 0.9, 0.9)}, 3), (0, 77, slice(4))),
+        {},
+    ),
+    "nanodet of eleven bins": (nanodet(STRIDES, n_bins=11), {}),
     "mmdeploy": (mmdeploy(), {"pixels": "imagenet", "channels": "bgr"}),
     "mmdeploy, unbatched": (unbatched(mmdeploy()), {"pixels": "imagenet", "channels": "rgb"}),
     "nanodet-plus": (nanodet((8, 16, 32, 64)), {}),
@@ -278,11 +310,16 @@ def model(tmp_path, outputs, *, metadata=None, name="model", anchors=None):
     return path
 
 
+def split(told):
+    """What is of the file, and what of the detector's settings."""
+    settings = {k: told[k] for k in ("boxes", "pixels", "channels") if k in told}
+    return {k: v for k, v in told.items() if k not in settings}, settings
+
+
 @pytest.mark.parametrize("case", RIGHT)
 def test_read_right(case, tmp_path):
     outputs, told = RIGHT[case]
-    settings = {k: told[k] for k in ("boxes", "pixels", "channels") if k in told}
-    about = {k: v for k, v in told.items() if k not in settings}
+    about, settings = split(told)
     found = YoloDetector(model(tmp_path, outputs, **about), **settings).detect(frame())
     assert found.class_names == ("stop sign",)
     np.testing.assert_allclose(found.boxes_xyxy_px, [BOX], atol=0.05)
@@ -304,7 +341,78 @@ def v8_heads(n_classes):
 IN_CELLS = {s: [(w / s, h / s) for w, h in pairs] for s, pairs in _YOLO3.items()}
 LARGEST_FIRST = dict(zip(STRIDES, reversed(_YOLO3.values()), strict=True))
 
+
+def probabilities(outputs, name):
+    return outputs | {name: (1 / (1 + np.exp(-outputs[name]))).astype(np.float32)}
+
+
+def corners_and_score():
+    a = np.zeros((1, 100, 5), np.float32)
+    a[0, :, :4] = EVERYWHERE[:100] / SIDE
+    a[0, :, 2:4] += a[0, :, :2]
+    a[0, 0] = [*(CORNERS / SIDE), CONFIDENCE]
+    return {"rows": a}
+
+
+def padded_rows(*row):
+    a = np.zeros((1, 100, len(row)), np.float32)
+    a[0, 0] = row
+    return {"rows": a}
+
+
 REFUSED = {
+    "rows of seven, y or x first": (
+        flat(0, *BOX, CONFIDENCE, CLASS),
+        {},
+        "as YOLO-NAS does with x first and EfficientDet with y",
+    ),
+    "a count, of no known family": (
+        counted("num_dets", "boxes", "scores", "labels"),
+        {"metadata": ULTRALYTICS},
+        "detector.pixels: .* and detector.channels: rgb or bgr$",
+    ),
+    "boxes of either order": (
+        counted("valid", "nmsed_boxes", "nmsed_scores", "nmsed_classes"),
+        {"metadata": ULTRALYTICS},
+        "some exports have x first and others y",
+    ),
+    "tensorflow's names for pixels": (
+        tensorflow() | {"detection_boxes": array(BOX)[None].repeat(100, 1)},
+        {"pixels": "0..1"},
+        "detection_boxes in pixels, in which some exports have x first",
+    ),
+    "detr with softmax": (
+        probabilities(detr(92, 13, softmax=True), "logits"),
+        {},
+        "answers probabilities .logits. where DETR has logits",
+    ),
+    "rf-detr with sigmoid": (probabilities(rf_detr(91, 13), "labels"), {}, "export it without its last"),
+    "corners and one score": (
+        corners_and_score(),
+        {"metadata": names_of(["person"])},
+        "may hold corners or centre and size",
+    ),
+    "one row of corners and score": (
+        padded_rows(*BOX, CONFIDENCE),
+        {"metadata": names_of(["person"])},
+        "none of the layouts known",
+    ),
+    "oriented rows of class 0 or 1": (oriented_rows(), {"metadata": THREE}, "none of the layouts known"),
+    "rows of five or six numbers": (
+        {"output": np.full((1, N_CELLS, 6), 0.3, np.float32)},
+        {},
+        r"1 classes \(YOLOX, YOLOv6\) or of 2 \(YOLOv8, transposed\), and names none",
+    ),
+    "eighty classes of one's own, anchors of COCO": (
+        raw_grids(_YOLO3, "ahwk", squared=True),
+        {"name": "yolov5", "metadata": names_of([f"kind {k}" for k in range(80)])},
+        "does not hold their anchors",
+    ),
+    "pixels, told that they are shares": (
+        {"output0": v8_normalised()["output0"] * array(*[SIDE] * 4, *[1] * 80)[:, None]},
+        {"boxes": "normalised"},
+        "answers boxes that are pixels; leave out detector.boxes",
+    ),
     "grids through a sigmoid, 5 axes": (
         through_sigmoid(raw_grids(_YOLO3, "ahwk", squared=True)),
         {"name": "yolov5s"},
@@ -475,10 +583,11 @@ REFUSED = {
 
 @pytest.mark.parametrize("case", REFUSED)
 def test_refused_in_one_sentence(case, tmp_path):
-    outputs, about, why = REFUSED[case]
+    outputs, told, why = REFUSED[case]
+    about, settings = split(told)
     path = model(tmp_path, outputs, **about)
     with pytest.raises(UserError, match=rf"m\.onnx: .*{why}") as refused:
-        YoloDetector(path).detect(frame())
+        YoloDetector(path, **settings).detect(frame())
     assert "\n" not in str(refused.value)
 
 

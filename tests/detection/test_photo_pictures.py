@@ -120,7 +120,10 @@ def test_fewer_pictures_than_photos(unlabelled):
     assert [(share.first, share.count) for share in shares] == [(0, 1), (1, 1)]
 
 
-@pytest.mark.parametrize("label", ["all/train/labels/0.txt", "photo.txt", "photo.xml"])
+@pytest.mark.parametrize(
+    "label",
+    ["all/train/labels/0.txt", "photo.txt", "photo.XML", "_annotations.csv", "all/_annotations.coco.json"],
+)
 def test_labels_in_an_unknown_layout_are_not_taken_for_none(label, tmp_path):
     """Their targets would count as ground that shows none."""
     (tmp_path / "all" / "train" / "images").mkdir(parents=True)

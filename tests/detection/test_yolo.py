@@ -270,6 +270,47 @@ def test_a_line_without_a_name_does_not_shift_the_others(text, line, tmp_path):
         YoloDetector(path)
 
 
+def coarse(path, channels=3):
+    """A model of any size whose pyramid joins strides 32 and 64: sides are multiples of 64, or it fails."""
+    nodes = [
+        helper.make_node("AveragePool", ["images"], ["fine"], kernel_shape=[32, 32], strides=[32, 32]),
+        helper.make_node("AveragePool", ["images"], ["coarse"], kernel_shape=[64, 64], strides=[64, 64]),
+        helper.make_node("Resize", ["coarse", "", "twice"], ["up"], mode="nearest"),
+        helper.make_node("Sub", ["fine", "up"], ["rest"]),
+        helper.make_node("ReduceMax", ["rest"], ["most"], keepdims=0),
+        helper.make_node("Mul", ["most", "zero"], ["nothing"]),
+        helper.make_node("Add", ["rows", "nothing"], ["out"]),
+    ]
+    constants = {
+        "twice": np.array([1, 1, 2, 2], np.float32),
+        "zero": np.float32(0),
+        "rows": np.array([[[160, 160, 320, 240, 0.9, 1]]], np.float32),
+    }
+    return model_of(path, nodes, constants, input_shape=[1, channels, "h", "w"], output="out")
+
+
+def test_sides_are_multiples_of_64_where_a_model_needs_that(tmp_path):
+    detector = YoloDetector(coarse(tmp_path / "p6.onnx"))
+    assert detector.network.input_hw_for((720, 1280)) == (768, 1280)
+    assert len(detector.detect(frame(grey(720, 1280))).class_names) == 1
+
+
+def test_pictures_of_one_channel_are_refused(tmp_path):
+    with pytest.raises(
+        UserError, match="takes pictures of 1 channels; export the model for pictures of three"
+    ):
+        YoloDetector(coarse(tmp_path / "grey.onnx", channels=1))
+
+
+def test_what_cannot_be_opened_says_why(tmp_path):
+    """An operator of another runtime, in a node whose name is no text."""
+    node = helper.make_node("EfficientNMS_TRT", ["images"], ["out"], name="n\xff")
+    path = model_of(tmp_path / "trt.onnx", [node], {}, input_shape=[1, 3, 64, 64], output="out")
+    with pytest.raises(UserError, match=r"can be opened here \(.*EfficientNMS_TRT.*\); export") as refused:
+        YoloDetector(path)
+    assert "\n" not in str(refused.value)
+
+
 def test_missing_file(tmp_path):
     with pytest.raises(UserError, match=r"gone\.onnx: there is no such model file"):
         YoloDetector(tmp_path / "gone.onnx")
@@ -279,7 +320,9 @@ def test_missing_file(tmp_path):
 def test_broken_file(content, tmp_path):
     path = tmp_path / "broken.onnx"
     path.write_bytes(content)
-    with pytest.raises(UserError, match=r"broken\.onnx: .*(not a readable ONNX model|no model)"):
+    with pytest.raises(
+        UserError, match=r"broken\.onnx: .*(not an ONNX model that can be opened here|no model)"
+    ):
         YoloDetector(path)
 
 

@@ -231,6 +231,7 @@ def rt_detr():
 
 def rt_detr_rows():
     a = np.zeros((1, 300, 84), np.float32)
+    a[0, :, :4] = np.linspace(0.1, 0.9, 300)[:, None] * (1, 1, 0.1, 0.1)
     a[0, 0, :4], a[0, :, 4:] = CENTRE_SIZE / SIDE, scores(300)
     return {"output0": a}
 

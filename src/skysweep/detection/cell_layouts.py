@@ -7,15 +7,16 @@ NanoDet-Plus (RangiLyu/nanodet).
 
 from __future__ import annotations
 
-import re
 from functools import partial
 
 import numpy as np
 
 from skysweep.arrays import F32
+from skysweep.detection.coco import COCO_80
 from skysweep.detection.layouts import (
     BYTE_BGR,
     BYTE_RGB,
+    NAMED_NAS,
     NANODET_BGR,
     ROUNDING,
     UNIT_RGB,
@@ -35,8 +36,7 @@ from skysweep.detection.layouts import (
     xyxy_from_cxcywh,
 )
 
-_NAS = re.compile(r"(?:yolo|(?<![a-z]))[-_ ]?nas(?![a-z])")
-_NANODET_BINS = 8  # of the distance to each side
+_NANODET_BINS = (8, 11)  # of the distance to each side
 
 
 def boxes_and_scores(probe: Probe) -> OutputLayout | None:
@@ -72,7 +72,7 @@ def boxes_and_scores(probe: Probe) -> OutputLayout | None:
 def _family_of_pair(hint: str) -> tuple[str, PixelFormat | None]:
     if "damo" in hint:
         return "DAMO-YOLO", BYTE_RGB
-    if _NAS.search(hint):
+    if NAMED_NAS.search(hint):
         return "YOLO-NAS", UNIT_RGB
     return "YOLO-NAS or DAMO-YOLO", None
 
@@ -167,24 +167,27 @@ def _enclosing(p: F32) -> F32:
 
 
 def nanodet_rows(probe: Probe) -> OutputLayout | None:
-    """(1, N, C + 32): class scores and the distances to four sides, eight bins each: NanoDet and its Plus."""
+    """(1, N, C + 4 B): class scores and the distances to four sides in B bins each: NanoDet and its Plus."""
     for name, rows, columns in row_outputs(probe):
-        n_classes, strides = columns - 4 * _NANODET_BINS, strides_of(probe, rows, 1)
-        if strides and n_classes == (probe.n_names or 80):
+        strides, n_classes = strides_of(probe, rows, 1), probe.n_names or 80
+        bins = next((b for b in _NANODET_BINS if columns == n_classes + 4 * b), None)
+        if strides and bins:
             _refuse_twins(probe, name)
-            decode = partial(_decode_nanodet, name, strides)
+            decode = partial(_decode_nanodet, name, strides, bins)
             return OutputLayout("NanoDet", n_classes, decode, NANODET_BGR, None)
     return None
 
 
-def _decode_nanodet(name: str, strides: tuple[int, ...], outputs: Outputs, input_hw: Size) -> Boxes:
+def _decode_nanodet(
+    name: str, strides: tuple[int, ...], n_bins: int, outputs: Outputs, input_hw: Size
+) -> Boxes:
     p = outputs[name][0]
     cells, steps = cell_centres(input_hw, strides)
     centre = (cells + (0.0 if len(strides) == 4 else 0.5)) * steps  # Plus has four strides
-    bins = softmax(p[:, -4 * _NANODET_BINS :].reshape(-1, 4, _NANODET_BINS))
-    sides = bins @ np.arange(_NANODET_BINS, dtype=np.float32) * steps
+    bins = softmax(p[:, -4 * n_bins :].reshape(-1, 4, n_bins))
+    sides = bins @ np.arange(n_bins, dtype=np.float32) * steps
     corners = np.concatenate([centre - sides[:, :2], centre + sides[:, 2:]], axis=1)
-    return best_class(corners, p[:, : -4 * _NANODET_BINS])
+    return best_class(corners, p[:, : -4 * n_bins])
 
 
 def cell_rows(probe: Probe) -> OutputLayout | None:
@@ -194,6 +197,12 @@ def cell_rows(probe: Probe) -> OutputLayout | None:
         if strides is None or columns < 6:
             continue
         _refuse_twins(probe, name)
+        if not probe.names and columns != 5 + len(COCO_80):
+            raise Unclear(
+                f"answers rows of {columns} numbers, which may be those of {columns - 5} classes (YOLOX, "
+                f"YOLOv6) or of {columns - 4} (YOLOv8, transposed), and names none; write their names one a "
+                "line into a file of its name ending in .names"
+            )
         p = probe.outputs[name][0]
         decode = partial(_decode_objectness, name, columns - 5)
         if np.all(p[:, 4] == 1.0):

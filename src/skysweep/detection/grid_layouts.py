@@ -170,7 +170,7 @@ def _anchors_of(probe: Probe, grids: list[_Grid], version: int, n_classes: int) 
                 "three anchors a grid in pixels, not in cells, smallest first"
             )
         return {g.stride: v for g, v in zip(grids, values, strict=True)}, "from the file beside the model"
-    if n_classes != len(COCO_80):
+    if n_classes != len(COCO_80) or len({*probe.names} & {*COCO_80}) < len({*probe.names}) / 2:
         raise Unclear(
             "answers raw grids but does not hold their anchors; write them (width and height in pixels, "
             "smallest first) into a file of its name ending in .anchors, or export it with decoded boxes"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
@@ -18,8 +19,9 @@ Channels = Literal["rgb", "bgr"]
 
 STRIDE_SETS = ((8, 16, 32), (16, 32), (8, 16, 32, 64), (4, 8, 16, 32))
 _MANY = 20  # boxes that do not all lie within the first two pixels, unless they are normalised
-_NORMALISED_MAX = 2.0  # a normalised box may reach beyond the picture
+NORMALISED_MAX = 2.0  # a normalised box may reach beyond the picture
 ROUNDING = 1e-3  # of a score in half precision
+NAMED_NAS = re.compile(r"(?:yolo|(?<![a-z]))[-_ ]?nas(?![a-z])")
 
 
 class Unclear(ValueError):
@@ -74,11 +76,16 @@ class Probe:
 
     outputs: Outputs
     input_hw: Size
-    n_names: int | None = None  # classes named in the file, if any
+    names: tuple[str, ...] = ()  # of the classes, if the file or another beside it has them
     hint: str = ""  # lower-case file, graph and producer names
     task: str = ""  # of the metadata, as Ultralytics writes it
     told_size: bool = False  # another input takes the picture's size
     anchors_px: tuple[float, ...] = ()  # of the file beside the model
+
+    @property
+    def n_names(self) -> int | None:
+        """How many classes are named; None if none."""
+        return len(self.names) or None
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,20 +106,26 @@ class OutputLayout:
     bgr: bool | None = False
 
 
-def unit_of(found: Boxes, usual: BoxUnit) -> BoxUnit | None:
-    """What boxes are measured in; None if there are none.
+def unit_of(found: Boxes, usual: BoxUnit, told: BoxUnit | None = None) -> BoxUnit | None:
+    """What boxes are measured in, as far as is ``told``; None if there are none and nothing is.
 
-    Raises Unclear if they are few, lie where only normalised boxes do, and the family's exports use pixels.
+    Of many boxes a single one may reach anywhere, where it has no score. Raises Unclear if they contradict
+    what is told; also if they are few, lie where only normalised boxes do, and the family's exports use
+    pixels.
     """
     real = found.xyxy_px[np.any(found.xyxy_px != 0, axis=1) & np.isfinite(found.xyxy_px).all(axis=1)]
     if len(real) == 0:
-        return None
-    if np.abs(real).max() > _NORMALISED_MAX:
-        return "pixels"
-    if usual == "normalised" or len(np.unique(real, axis=0)) >= _MANY:
-        return "normalised"
+        return told
+    reach = np.abs(real).max(axis=1)
+    are_many = len(np.unique(real, axis=0)) >= _MANY
+    are_pixels = (np.median(reach) if are_many else reach.max()) > NORMALISED_MAX
+    shown: BoxUnit = "pixels" if are_pixels else "normalised"
+    if are_many and told not in (None, shown):
+        raise Unclear(f"answers boxes that are {shown}; leave out detector.boxes, or write {shown}")
+    if told or are_many or are_pixels or usual == "normalised":
+        return told or shown
     raise Unclear(
-        f"answers boxes within the first {_NORMALISED_MAX:g} pixels; write detector.boxes: normalised if "
+        f"answers boxes within the first {NORMALISED_MAX:g} pixels; write detector.boxes: normalised if "
         "they are shares of the picture, else detector.boxes: pixels"
     )
 

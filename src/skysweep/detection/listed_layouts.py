@@ -14,6 +14,8 @@ import numpy as np
 from skysweep.arrays import F32
 from skysweep.detection.layouts import (
     IMAGENET_RGB,
+    NAMED_NAS,
+    NORMALISED_MAX,
     ROUNDING,
     UNIT_RGB,
     Boxes,
@@ -34,6 +36,8 @@ from skysweep.detection.layouts import (
 _MAX_LISTED = 1000
 _PLAUSIBLE = 0.9  # share of boxes whose corners are in order
 _COCO_IDS = 91
+_OF_EITHER_ORDER = ("nmsed_", "detection_")
+_A_FEW = 20  # rows; queries answer on a blank picture, too
 
 # Columns of box corners, score and class, as exports order them.
 _ORDERS = {
@@ -47,9 +51,10 @@ _USUAL, _CLASS_FIRST = "box, score, class", "class, score, box"
 def labelled_boxes(probe: Probe) -> OutputLayout | None:
     """Boxes ([1,] K, 4), scores and classes or labels ([1,] K), with or without a count of valid ones.
 
-    With a count: YOLOv7 with TensorRT-style NMS. With the picture's size as a second input: RT-DETR, D-FINE
-    and DEIM. Others, such as torchvision and the SSD of the ONNX zoo, may count labels from 1, after the
-    background: they need a file of names, which has a line for label 0.
+    With a count and names such as ``det_boxes``: YOLOv7 with TensorRT-style NMS. With the picture's size as a
+    second input: RT-DETR, D-FINE and DEIM. Others, such as torchvision and the SSD of the ONNX zoo, may take
+    other pixels and count labels from 1, after the background: they need a file of names, which has a line
+    for label 0. Raises Unclear of names under which some exports have x first and others y.
     """
     wanted = ("boxes", "scores", "classes"), ("boxes", "scores", "labels")
     names = next(filter(None, (find_outputs(probe, *w) for w in wanted)), None)
@@ -57,12 +62,16 @@ def labelled_boxes(probe: Probe) -> OutputLayout | None:
         return None
     if probe.outputs[names[0]].shape[-1] != 4:
         return None
+    if names[0].startswith(_OF_EITHER_ORDER):
+        raise Unclear(
+            f"answers {names[0]}, in which some exports have x first and others y; export it without NMS"
+        )
     count = find_outputs(probe, "num")
     decode = partial(_decode_labelled, names, count[0] if count else None)
-    if count or probe.told_size:
+    if probe.told_size or (count and names == ("det_boxes", "det_scores", "det_classes")):
         name = "YOLOv7 end-to-end" if count else "RT-DETR"
         return OutputLayout(name, probe.n_names or 80, decode, suppressed=True)
-    return OutputLayout("boxes, scores and labels", _named(probe), decode, None, suppressed=True)
+    return OutputLayout("boxes, scores and labels", _named(probe), decode, None, suppressed=True, bgr=None)
 
 
 def _is_list(values: F32) -> bool:
@@ -103,6 +112,11 @@ def _decode_tensorflow(
     names: tuple[str, ...], count: str | None, first: int, outputs: Outputs, input_hw: Size
 ) -> Boxes:
     found = _decode_labelled(names, count, outputs, input_hw)
+    if np.any(found.xyxy_px > NORMALISED_MAX):
+        raise Unclear(
+            f"answers {names[0]} in pixels, in which some exports have x first and others y; export it "
+            "without NMS"
+        )
     return Boxes(found.xyxy_px[:, [1, 0, 3, 2]], found.scores, found.classes - first)
 
 
@@ -139,6 +153,10 @@ def detr(probe: Probe) -> OutputLayout | None:
     if names is None or any(probe.outputs[n].ndim != 3 for n in names):
         return None
     boxes, logits = names
+    if np.all(np.abs(probe.outputs[logits] - 0.5) <= 0.5):
+        raise Unclear(
+            f"answers probabilities ({logits}) where DETR has logits; export it without its last activation"
+        )
     columns = probe.outputs[logits].shape[2]
     one_more = columns == probe.n_names + 1 if probe.n_names else columns in (81, 92)
     last_wins = np.mean(probe.outputs[logits][0].argmax(axis=1) == columns - 1) > 0.5
@@ -188,7 +206,7 @@ def final_rows(probe: Probe) -> OutputLayout | None:
     seven = shape[-1] == 7
     by_ultralytics = probe.task == "detect" and not seven
     order = _USUAL if fits_none or by_ultralytics else _order_of(rows)
-    decode = _RowDecoder(name, order)
+    decode = _RowDecoder(name, order, may_be_usual=not seven or bool(NAMED_NAS.search(probe.hint)))
     if order in (None, _CLASS_FIRST):
         n_classes = _named(probe) if seven else probe.n_names or 80
         bgr = None if seven else False
@@ -201,12 +219,18 @@ def final_rows(probe: Probe) -> OutputLayout | None:
 class _RowDecoder:
     """Decodes rows (K, 6), whose order of columns it remembers once a picture has shown it."""
 
-    def __init__(self, name: str, order: str | None) -> None:
-        self._name, self._order = name, order
+    def __init__(self, name: str, order: str | None, may_be_usual: bool) -> None:
+        self._name, self._order, self._may_be_usual = name, order, may_be_usual
 
     def __call__(self, outputs: Outputs, _: Size) -> Boxes:
         rows = _objects(outputs[self._name])
         self._order = self._order or _order_of(rows)
+        if self._order == _USUAL and not self._may_be_usual:
+            raise Unclear(
+                "answers rows of seven columns that end with score and class, as YOLO-NAS does with x first "
+                "and EfficientDet with y; name the file as in my-yolo-nas.onnx if it is the former, else "
+                "export it without NMS"
+            )
         box, score, label = _ORDERS[self._order or _USUAL]
         return Boxes(rows[:, box], rows[:, score], whole(rows[:, label]))
 
@@ -251,8 +275,14 @@ def _score_rows(probe: Probe) -> OutputLayout | None:
     name, rows, columns = row_outputs(probe)[0]
     if rows > _MAX_LISTED or columns - 4 != (probe.n_names or 80) or probe.task in ("obb", "pose"):
         return None
-    if not np.all(np.abs(probe.outputs[name][0, :, 4:] - 0.5) <= 0.5 + ROUNDING):
+    found = probe.outputs[name][0]
+    real = found[np.any(found[:, :4] != 0.0, axis=1)]
+    if len(real) < _A_FEW or np.any(np.abs(found[:, 4:] - 0.5) > 0.5 + ROUNDING):
         return None
+    if np.median(np.abs(real[:, :4]).max(axis=1)) > NORMALISED_MAX:
+        return None
+    if np.mean(np.all(real[:, 2:4] >= real[:, :2], axis=1)) >= _PLAUSIBLE:
+        raise Unclear("answers rows that may hold corners or centre and size; export it without NMS")
     return OutputLayout(
         "RT-DETR rows",
         columns - 4,

@@ -72,6 +72,7 @@ def _try_once(path: Path, digest: str, told: Told) -> None:
                 stdin=subprocess.DEVNULL,
                 capture_output=True,
                 text=True,
+                errors="replace",
                 timeout=_WALL_S,
                 env=os.environ | {"CUDA_VISIBLE_DEVICES": "-1"},
                 check=False,

@@ -30,7 +30,7 @@ from skysweep.detection.layouts import (
     size_px,
     unit_of,
 )
-from skysweep.detection.tiling import FixedSides, fitting_scale, input_hw_for
+from skysweep.detection.tiling import STRIDE, FixedSides, fitting_scale, input_hw_for, takes_any_size
 from skysweep.detection.yolo_outputs import recognise
 from skysweep.errors import UserError
 from skysweep.files.reading import read_text_limited
@@ -39,6 +39,7 @@ PAD_GREY = 114
 PROBE_SIZE = (640, 640)
 PICTURE_S = 60.0  # of wall time, for one picture
 _MAX_NAMES_BYTES = 1_000_000
+_SILENT = 4  # what fails is said in one sentence
 _MISSHAPEN = (ArithmeticError, LookupError, ValueError)  # of outputs that are not those of a layout
 _NUMPY_TYPE = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
 
@@ -61,14 +62,21 @@ class Network:
             raise UserError(
                 f"{path}: export the model for one picture at a time (batch 1) and without other inputs"
             )
+        channels = last if self.channels_last else rows
+        if isinstance(channels, int) and channels != 3:
+            raise UserError(
+                f"{path}: the input {given.name} takes pictures of {channels} channels; export the model for "
+                "pictures of three"
+            )
         sides = (rows, columns) if self.channels_last else (columns, last)
         self.fixed_hw: FixedSides = _fixed(sides[0]), _fixed(sides[1])
+        self._stride = STRIDE if self._takes_odd_strides() else 2 * STRIDE
         input_hw = self.input_hw_for(PROBE_SIZE)
         outputs = self._run(np.full((*input_hw, 3), PAD_GREY, dtype=np.uint8), PixelFormat())
         self.layout = self._recognise(outputs, input_hw)
         self.class_names = self._names(self.layout)
         self.pixels = self._pixel_format(told)
-        self.boxes = told.boxes or self._unit(self._decode(outputs, input_hw))
+        self.boxes = self._unit(self._decode(outputs, input_hw), told.boxes)
         if told.boxes and self.layout.boxes is None:
             raise UserError(
                 f"{path}: the boxes of {self.layout.name} are computed in pixels; leave out detector.boxes"
@@ -76,7 +84,7 @@ class Network:
 
     def input_hw_for(self, picture_hw: tuple[int, int]) -> tuple[int, int]:
         """The input's (height, width) for pictures of this size, as ``tiling.input_hw_for``."""
-        return input_hw_for(self.fixed_hw, picture_hw)
+        return input_hw_for(self.fixed_hw, picture_hw, self._stride)
 
     def __call__(self, canvas: U8) -> Boxes:
         """Boxes in the canvas' pixels. Raises UserError if the model fails on this picture."""
@@ -90,6 +98,16 @@ class Network:
         """Break off a run in another thread, where it then raises."""
         self._options.terminate = True
 
+    def _takes_odd_strides(self) -> bool:
+        """Whether a side may be an odd multiple of the stride: not for YOLOv8-p6, whose last one is 64."""
+        if not takes_any_size(self.fixed_hw):
+            return True
+        try:
+            self._run(np.full((3 * STRIDE, 5 * STRIDE, 3), PAD_GREY, dtype=np.uint8), PixelFormat())
+        except UserError:
+            return False
+        return True
+
     def _run(self, canvas: U8, pixels: PixelFormat) -> dict[str, F32]:
         picture = _pixels(canvas, pixels, self._dtype)
         if self.channels_last:
@@ -101,6 +119,7 @@ class Network:
             number = np.int64 if side_input.type == "tensor(int64)" else np.float32
             feed[side_input.name] = np.array([values[kind]], dtype=number)
         self._options = options = ort.RunOptions()
+        options.log_severity_level = _SILENT
         timer = Timer(PICTURE_S, setattr, [options, "terminate", True])
         timer.daemon = True
         timer.start()
@@ -109,7 +128,11 @@ class Network:
         except Exception as error:  # ONNX Runtime raises its own types, all direct children of Exception
             if options.terminate:
                 raise UserError(f"{self._path}: the model was stopped before it answered") from error
-            raise UserError(f"{self._path}: the model does not run ({_first_line(error)})") from error
+            if _is_memory(why := _first_line(error)):
+                raise UserError(
+                    f"{self._path}: the model needs too much memory; export a smaller one"
+                ) from error
+            raise UserError(f"{self._path}: the model does not run ({why})") from error
         finally:
             timer.cancel()
         names = [output.name for output in self._session.get_outputs()]
@@ -129,10 +152,10 @@ class Network:
             ) from error
         return found
 
-    def _unit(self, found: Boxes) -> BoxUnit | None:
+    def _unit(self, found: Boxes, told: BoxUnit | None = None) -> BoxUnit | None:
         usual = self.layout.boxes
         try:
-            return unit_of(found, usual) if usual else "pixels"
+            return unit_of(found, usual, told) if usual else "pixels"
         except Unclear as error:
             raise UserError(f"{self._path}: the model {error}") from None
 
@@ -161,7 +184,7 @@ class Network:
         probe = Probe(
             outputs,
             input_hw,
-            len(names) if names else None,
+            names or (),
             hint,
             task=meta.custom_metadata_map.get("task", ""),
             told_size="size" in self._side_inputs.values(),
@@ -211,7 +234,7 @@ class Network:
                         "first for label 0"
                     )
                 names = [by_number[number] for number in range(len(names))]
-        except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):
+        except (ValueError, TypeError, SyntaxError, OverflowError, MemoryError, RecursionError):
             names = None
         if not isinstance(names, list | tuple):
             raise UserError(
@@ -286,6 +309,10 @@ def _fixed(side: object) -> int | None:
     return side if isinstance(side, int) and side > 0 else None
 
 
+def _is_memory(why: str) -> bool:
+    return any(word in why.lower() for word in ("bad_alloc", "bfcarena", "allocate memory"))
+
+
 def _first_line(error: Exception) -> str:
     return next(iter(str(error).splitlines()), type(error).__name__)
 
@@ -327,11 +354,16 @@ def _open(path: Path, threads: int) -> ort.InferenceSession:
     options = ort.SessionOptions()
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
-    options.log_severity_level = 3
+    options.log_severity_level = _SILENT
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     wanted = ("CUDAExecutionProvider", "CPUExecutionProvider")
     providers = [p for p in wanted if p in ort.get_available_providers()]
     try:
         return ort.InferenceSession(str(path), options, providers=providers)
     except Exception as error:  # ONNX Runtime raises its own types, all direct children of Exception
-        raise UserError(f"{path}: not a readable ONNX model; export or download it again") from error
+        why = _first_line(error).rpartition("failed:")[2].strip()
+        if _is_memory(why):
+            raise UserError(f"{path}: the model needs too much memory; export a smaller one") from error
+        raise UserError(
+            f"{path}: not an ONNX model that can be opened here ({why}); export or download it again"
+        ) from error

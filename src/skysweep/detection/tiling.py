@@ -55,7 +55,7 @@ def takes_any_size(fixed_hw: FixedSides) -> bool:
     return fixed_hw == (None, None)
 
 
-def input_hw_for(fixed_hw: FixedSides, picture_hw: tuple[int, int]) -> tuple[int, int]:
+def input_hw_for(fixed_hw: FixedSides, picture_hw: tuple[int, int], stride: int = STRIDE) -> tuple[int, int]:
     """An input's (height, width): the model's own, else the picture's rounded up to whole strides.
 
     Where the model fixes one side alone, the other keeps the picture's shape.
@@ -63,7 +63,7 @@ def input_hw_for(fixed_hw: FixedSides, picture_hw: tuple[int, int]) -> tuple[int
     (fixed_h, fixed_w), (picture_h, picture_w) = fixed_hw, picture_hw
     height = picture_h if fixed_w is None else picture_h * fixed_w / picture_w
     width = picture_w if fixed_h is None else picture_w * fixed_h / picture_h
-    return fixed_h or _whole_strides(height), fixed_w or _whole_strides(width)
+    return fixed_h or _whole_strides(height, stride), fixed_w or _whole_strides(width, stride)
 
 
 def fitting_scale(picture_hw: tuple[int, int], input_hw: tuple[int, int]) -> float:
@@ -71,5 +71,5 @@ def fitting_scale(picture_hw: tuple[int, int], input_hw: tuple[int, int]) -> flo
     return min(input_hw[0] / picture_hw[0], input_hw[1] / picture_hw[1])
 
 
-def _whole_strides(side_px: float) -> int:
-    return max(1, math.ceil(side_px / STRIDE)) * STRIDE
+def _whole_strides(side_px: float, stride: int) -> int:
+    return max(1, math.ceil(side_px / stride)) * stride

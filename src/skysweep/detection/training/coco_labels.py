@@ -36,6 +36,9 @@ def read_coco(path: Path) -> LabelledDataset:
     except (ValueError, RecursionError) as error:
         raise UserError(f"{path}: not JSON ({error}); write COCO annotations") from error
     try:
+        for what in ("categories", "images"):
+            if len({entry["id"] for entry in data[what]}) < len(data[what]):
+                raise UserError(f"{path}: {what}: two have the same id; number them anew")
         names = {c["id"]: str(c["name"]) for c in data["categories"]}
         boxes: dict[Any, list[dict[str, Any]]] = {i["id"]: [] for i in data["images"]}
         for number, annotation in enumerate(data["annotations"]):

@@ -59,8 +59,10 @@ def _refuse_labels(path: Path) -> None:
     """Raise UserError if files below a folder look like labels: their targets would be taken for ground."""
     pictures = {picture.stem for picture in pictures_below(path)}
     for file in sorted(path.rglob("*")):
-        if file.suffix in (".txt", ".xml", ".json") and (
-            file.stem in pictures or {"labels", "annotations"} & set(file.parts[len(path.parts) : -1])
+        if file.suffix.lower() in (".txt", ".xml", ".json", ".csv") and (
+            file.stem in pictures
+            or {"labels", "annotations"} & set(file.parts[len(path.parts) : -1])
+            or any(word in file.stem.lower() for word in ("annotation", "label", "instances"))
         ):
             raise UserError(
                 f"--photos {path}: {file.relative_to(path)} looks like labels, in a layout that is not read "

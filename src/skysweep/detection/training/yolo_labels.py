@@ -1,4 +1,7 @@
-"""Labels in YOLO's format: a text file a picture, with class number and box as shares of the picture."""
+"""Labels in YOLO's format: a text file a picture, with class number and box as shares of the picture.
+
+Outlines, as of segmentation and of oriented boxes, count as the boxes around them.
+"""
 
 from __future__ import annotations
 
@@ -103,20 +106,34 @@ def _yolo_names(path: Path) -> tuple[str, ...]:
     return tuple(str(name) for name in names)
 
 
+def _corners(shares: list[float]) -> list[float]:
+    """Left, top, right and bottom of a box by centre and size, or of the box around an outline."""
+    if len(shares) > 4:
+        xs, ys = shares[::2], shares[1::2]
+        return [min(xs), min(ys), max(xs), max(ys)]
+    cx, cy, width, height = shares
+    return [cx - width / 2, cy - height / 2, cx + width / 2, cy + height / 2]
+
+
 def _yolo_boxes(label: Path, names: tuple[str, ...]) -> tuple[F64, tuple[str, ...]]:
     rows, classes = [], []
     for number, line in enumerate(read_text_limited(label, MAX_LABEL_BYTES).splitlines(), start=1):
         if not line.strip():
             continue
         try:
-            index, cx, cy, width, height = (float(part) for part in line.split())
-        except ValueError as error:
-            raise UserError(f"{label}: line {number}: write  class centre_x centre_y width height") from error
-        if not (0 <= cx <= 1 and 0 <= cy <= 1 and 0 <= width <= 1 and 0 <= height <= 1):
+            index, *shares = (float(part) for part in line.split())
+        except ValueError:
+            index, shares = -1.0, []
+        if len(shares) != 4 and (len(shares) < 6 or len(shares) % 2):
+            raise UserError(
+                f"{label}: line {number}: write  class centre_x centre_y width height, or class and the "
+                "corners x y of an outline, and nothing else"
+            )
+        if not all(0 <= share <= 1 for share in shares):
             raise UserError(f"{label}: line {number}: boxes are shares of the picture, 0..1, not pixels")
         if not 0 <= index < len(names) or index != int(index):
             raise UserError(f"{label}: line {number}: class {index:g} is none of the {len(names)} named ones")
-        rows.append([cx - width / 2, cy - height / 2, cx + width / 2, cy + height / 2])
+        rows.append(_corners(shares))
         classes.append(names[int(index)])
     boxes = np.clip(boxes_of(rows), 0, 1)
     real = have_area(boxes)
