@@ -270,7 +270,7 @@ def test_without_gymnasium_the_extra_is_named():
     code = "import sys; sys.modules['gymnasium'] = None; import skysweep.gym"
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert told.returncode == 1
-    assert "pip install 'skysweep[gym]'" in told.stderr
+    assert "tools/setup.sh gym" in told.stderr
 
 
 def test_the_example_runs(capsys):

@@ -62,8 +62,10 @@ def test_a_waypoint_is_of_plain_numbers(xy):
         ({"xy_enu_m": ("1", "2")}, "the waypoint's xy_enu_m '1'; return a number"),
         ({"then_xy_enu_m": 3.0}, r"the waypoint's then_xy_enu_m 3\.0"),
         ({"altitude_agl_m": None}, "the waypoint's altitude_agl_m None; return a number"),
+        ({"speed_mps": 10**400}, "the waypoint's speed_mps 1000.*; return a number"),
         ({"speed_mps": "fast"}, "the waypoint's speed_mps 'fast'"),
         ({"yaw_rad": "north"}, "the waypoint's yaw_rad 'north'"),
+        ({"to_look": np.array([1, 0])}, r"the waypoint's to_look array\(\[1, 0\]\); return True or False"),
     ],
 )
 def test_a_waypoint_that_is_none_is_one_sentence(changes, sentence):
@@ -140,6 +142,18 @@ def test_what_it_raises_is_one_sentence_with_its_line():
         UserError, match=f"^mine:Own: step raises ValueError: .* at test_checked.py:{line}; mend"
     ):
         answer(raises)
+
+
+def test_an_exit_is_a_failure_and_does_not_end_the_program_without_a_word():
+    def leaves(*_):
+        raise SystemExit(0)
+
+    with pytest.raises(
+        UserError, match=r"^mine:Own: step raises SystemExit: 0 at test_checked\.py:\d+; mend"
+    ):
+        answer(leaves)
+    with pytest.raises(UserError, match=r"^mine:Own: cannot be made of a MissionContext \(SystemExit: 0"):
+        make_checked(leaves, "mine:Own", context_of())
 
 
 def test_what_is_seen_cannot_be_written_to():

@@ -6,7 +6,7 @@ from functools import partial
 
 import pytest
 from contexts import context_of, observed
-from pydantic import BaseModel
+from pydantic import BaseModel, field_validator
 
 from skysweep.errors import UserError
 from skysweep.scenarios.files import load_scenario
@@ -210,6 +210,32 @@ class Whole:
     def restore(self, snapshot): ...
 
 
+class Inverse(BaseModel):
+    share: float = 0.5
+    depth: int
+
+    @field_validator("share")
+    @classmethod
+    def inverse(cls, share):
+        return 1 / share
+
+
+def test_a_model_that_fails_is_one_sentence():
+    with pytest.raises(UserError, match=r"^search\.parameters of .*: their model raises ZeroDivisionError"):
+        named("Parameters", Inverse).parameters_of(Search(parameters={"share": 0.0, "depth": 3}))
+
+
+def test_a_parameter_written_at_its_default_makes_no_other_search():
+    spec = named("Parameters", Plain)
+    assert spec.told_of(Search(parameters={"share": 0.5})) == spec.told_of(Search()) == {}
+    assert spec.told_of(Search(parameters={"share": 0.25})) == {"share": 0.25}
+    needs = named("Parameters", Inverse)
+    assert needs.told_of(Search(parameters={"depth": 3})) == {"depth": 3}
+    belief = strategy_spec("belief")
+    both = {"alarm_cost_s": 400, "missed_cost_s": 400}
+    assert belief.told_of(Search(strategy="belief", parameters=both)) == {"missed_cost_s": 400}
+
+
 def test_parameters_that_are_none_of_a_plain_model_are_refused():
     spec = named("Parameters", Plain)
     assert spec.parameters_of(Search(parameters={"share": 0.25})).share == 0.25
@@ -259,3 +285,28 @@ def test_a_plan_covers_the_area_from_the_strategys_altitude():
     assert as_covered(low).search.scan_altitude_agl_m == low.search.check_altitude_agl_m
     with pytest.raises(UserError, match="there is no strategy 'nobody'"):
         as_covered(SCENARIO.with_search(strategy="nobody"))
+
+
+def test_what_a_package_passes_on_is_code_of_its_own(write, tmp_path):
+    """Also where the class is defined in another file than the one that is named."""
+    (tmp_path / "theirs_7").mkdir()
+    write("theirs_7/impl", GOOD)
+    write("theirs_7/__init__", "from theirs_7.impl import Own\n")
+    write("theirs_8", GOOD)
+    write("theirs_9", "from theirs_8 import Own\n")
+    for name, where in (("theirs_7:Own", "theirs_7/impl"), ("theirs_9:Own", "theirs_8")):
+        strategy_spec(name)
+        before = fingerprint_of(name)
+        write(where, GOOD + "# another one\n")
+        with pytest.raises(UserError, match=r"was changed since it was imported"):
+            fingerprint_of(name)
+        importlib.reload(sys.modules[where.replace("/", ".")])
+        assert fingerprint_of(name) != before
+
+
+def test_what_is_passed_on_from_skysweep_is_no_code_of_theirs(write, tmp_path):
+    write("theirs_10", "from skysweep.strategies.scan_check import ScanCheck as Own\n")
+    write("theirs_11", "from skysweep.strategies import strategy_spec\nOwn = strategy_spec('scan-only')\n")
+    for module in ("theirs_10", "theirs_11"):
+        strategy_spec(f"{module}:Own")
+        assert code_of(f"{module}:Own")[0] == (tmp_path / f"{module}.py",)

@@ -54,6 +54,12 @@ def test_one_that_fails_to_load_is_one_sentence(install):
         strategy_spec("spiral")
 
 
+def test_one_that_ends_python_does_not_end_it_silently(install):
+    install("raise SystemExit(3)")
+    with pytest.raises(UserError, match=r"spiral: spirals cannot be loaded \(SystemExit: 3\)"):
+        strategy_spec("spiral")
+
+
 def test_its_missions_are_those_of_its_code_and_version(install):
     install(GOOD)
     first = key()

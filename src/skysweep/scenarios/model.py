@@ -685,7 +685,10 @@ class Search(Model):
     transect_heading_deg: float | None = Field(None, ge=0, lt=360, description="Default: the best angle")
     plan: str | None = Field(None, description="A QGroundControl .plan whose survey becomes F")
     confirm_height_max_m: float | None = Field(
-        None, gt=0, description="Largest height above a candidate from which a look may confirm it; null: any"
+        None,
+        gt=0,
+        description="Largest height above a candidate from which a look may confirm it; null: any. "
+        "A strategy of your own must heed it itself",
     )
     target_speed_mps: float = Field(
         0.0,

@@ -9,14 +9,13 @@ from __future__ import annotations
 import hashlib
 import sys
 from importlib.metadata import EntryPoint, entry_points
-from importlib.util import find_spec
 from pathlib import Path
 
 from skysweep.errors import UserError
 from skysweep.strategies.baselines import SingleAltitude
 from skysweep.strategies.belief.parameters import BeliefParameters
 from skysweep.strategies.belief.search import BeliefSearch
-from skysweep.strategies.given import is_given, sound_source, source_of, spec_named, spec_of
+from skysweep.strategies.given import is_given, sound_source, sound_sources, sources_of, spec_named, spec_of
 from skysweep.strategies.scan_check import ScanCheck
 from skysweep.strategies.spec import StrategySpec as StrategySpec
 
@@ -51,29 +50,29 @@ def strategy_spec(name: str) -> StrategySpec:
     )
 
 
-def code_of(name: str) -> tuple[Path | None, str]:
-    """The file that a strategy which is not built in comes from, and its package's version.
+def code_of(name: str) -> tuple[tuple[Path, ...], str]:
+    """The files that a strategy which is not built in comes from, and its package's version.
 
-    Raises UserError where the file was changed since Python imported it.
+    Raises UserError where one was changed since Python imported it.
     """
     entry = None if name in _BUILT_IN else _installed(name)
     if entry is None:
-        return source_of(name), ""
+        return sources_of(name), ""
     version = f"{entry.dist.name} {entry.dist.version}" if entry.dist is not None else ""
-    if entry.module in sys.modules:
-        return sound_source(entry.module, f"search.strategy: {name}"), version
-    found = find_spec(entry.module)
-    return None if found is None or found.origin is None else Path(found.origin), version
+    if entry.module not in sys.modules:
+        _loaded(entry)
+    return sound_sources(entry.module, f"search.strategy: {name}"), version
 
 
 def fingerprint_of(name: str) -> str | None:
     """What tells a strategy's code from another one's; None of a built-in one, and of notebooks.
 
-    That is the SHA-256 of its file, in hexadecimal, and before it the name and version of its package where
+    That is the SHA-256 of its files, in hexadecimal, and before it the name and version of its package where
     it is installed. Raises UserError as ``code_of``.
     """
-    path, version = code_of(name)
-    digest = hashlib.sha256(path.read_bytes()).hexdigest() if path is not None and path.is_file() else ""
+    paths, version = code_of(name)
+    code = b"".join(path.read_bytes() for path in paths if path.is_file())
+    digest = hashlib.sha256(code).hexdigest() if code else ""
     return " ".join(filter(None, (version, digest))) or None
 
 
@@ -86,7 +85,7 @@ def _loaded(entry: EntryPoint) -> StrategySpec:
     package = entry.dist.name if entry.dist is not None else entry.value
     try:
         found = entry.load()
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         reason = " ".join(str(error).split())
         raise UserError(
             f"{where}: {package} cannot be loaded ({type(error).__name__}: {reason}); update or remove it"

@@ -61,7 +61,7 @@ def _made(make: Callable[[MissionContext], Any], where: str, context: MissionCon
         made = make(context)
     except UserError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise UserError(
             f"{where}: cannot be made of a MissionContext ({failure_words(error)}); mend it"
         ) from error
@@ -124,7 +124,7 @@ class Checked:
             return method(*arguments)
         except UserError:
             raise
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise UserError(f"{self._where}: {name} raises {failure_words(error)}; mend it") from error
 
     def _waypoint(self, waypoint: Any) -> Waypoint:
@@ -135,7 +135,7 @@ class Checked:
             self._xy("xy_enu_m", xy),
             self._number("altitude_agl_m", altitude_agl_m),
             self._number("speed_mps", speed_mps),
-            bool(to_look),
+            self._truth("to_look", to_look),
             None if then_xy is None else self._xy("then_xy_enu_m", then_xy),
             None if yaw_rad is None else self._number("yaw_rad", yaw_rad),
             None if pitch_rad is None else self._number("gimbal_pitch_rad", pitch_rad),
@@ -148,10 +148,19 @@ class Checked:
             raise self._odd(f"waypoint's {field}", value, "two numbers, east and north in metres") from None
         return self._number(field, x), self._number(field, y)
 
+    def _truth(self, field: str, value: Any) -> bool:
+        try:
+            return bool(value)
+        except Exception:
+            raise self._odd(f"waypoint's {field}", value, "True or False") from None
+
     def _number(self, field: str, value: Any) -> float:
-        if not isinstance(value, Real):
-            raise self._odd(f"waypoint's {field}", value, "a number")
-        return float(value)
+        try:
+            if isinstance(value, Real):
+                return float(value)
+        except OverflowError:  # an integer beyond any float
+            pass
+        raise self._odd(f"waypoint's {field}", value, "a number")
 
     def _event(self, event: Any, seen: Observation) -> Event:
         """The event with plain numbers, and with its candidate's place where it has none."""
@@ -196,7 +205,7 @@ class Checked:
     def _alternatives(self, kind: EventKind, given: Any) -> tuple[tuple[str, float], ...]:
         try:
             return tuple((str(what), float(cost_s)) for what, cost_s in given)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise self._odd(f"alternatives of {kind}", given, "pairs of words and seconds") from None
 
     def _odd(self, what: str, value: Any, instead: str) -> UserError:

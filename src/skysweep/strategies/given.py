@@ -15,7 +15,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial, reduce
 from pathlib import Path
-from types import ModuleType
+from types import FunctionType, ModuleType
 from typing import Any
 
 from pydantic import BaseModel
@@ -113,19 +113,37 @@ def leads_back(given: Any, lasting: bool) -> bool:
         return False
 
 
-def source_of(name: str) -> Path | None:
-    """The file that a strategy's name leads to; None for built-in, installed and notebooks' ones.
+def sources_of(name: str) -> tuple[Path, ...]:
+    """The files of the code that a strategy's name leads to; none for built-in and notebooks' ones.
 
-    Raises UserError where it was changed since Python imported it.
+    That is the module, and the one that it has a class or function from, or their whole packages, ours left
+    out. Raises UserError where one was changed since Python imported it.
     """
-    module_name = name.partition(":")[0]
+    module_name, _, attribute = name.partition(":")
     if not is_given(name) or module_name not in sys.modules:
-        return None
-    return sound_source(module_name, f"search.strategy: {name}")
+        return ()
+    found: Any = sys.modules[module_name]
+    for word in attribute.split("."):
+        found = getattr(found, word, None)
+    defines = isinstance(found, type | FunctionType) and found.__module__.partition(".")[0] != "skysweep"
+    modules = dict.fromkeys([module_name, *([found.__module__] if defines else [])])
+    where = f"search.strategy: {name}"
+    return tuple(dict.fromkeys(f for m in modules if m in sys.modules for f in sound_sources(m, where)))
+
+
+def sound_sources(module_name: str, where: str) -> tuple[Path, ...]:
+    """The file of an imported module, or all files of its package. Raises UserError as ``sources_of``."""
+    package = module_name.partition(".")[0]
+    imported = [m for m in [*sys.modules] if m == package or m.startswith(f"{package}.")]
+    files = [f for m in imported if (f := sound_source(m, where)) is not None]
+    folders = getattr(sys.modules[package], "__path__", None)
+    if folders is None:
+        return tuple(files)
+    return tuple(sorted({f for folder in folders for f in Path(folder).rglob("*.py")}))
 
 
 def sound_source(module_name: str, where: str) -> Path | None:
-    """The file of an imported module; None where it has none. Raises UserError as ``source_of``.
+    """The file of an imported module; None where it has none. Raises UserError as ``sources_of``.
 
     What it held at the import is not known: that is what it holds when this is asked first.
     """

@@ -51,7 +51,7 @@ class StrategySpec:
             returned: Any = self.cover_altitude_agl_m(scenario.search)
         except UserError:
             raise
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise UserError(
                 f"{where} raises {failure_words(error)}; make it a function of the search (a staticmethod of "
                 "a class) that returns metres above ground"
@@ -80,4 +80,21 @@ class StrategySpec:
                 if name not in known:
                     instead = f"write one of {', '.join(known)}" if known else "leave it out"
                     raise UserError(f"{source}: {name}: there is no such field; {instead}")
-        return validated(self.parameters, search.parameters, source)
+        try:
+            return validated(self.parameters, search.parameters, source)
+        except UserError:
+            raise
+        except (Exception, SystemExit) as error:  # of a validator that is anybody's code
+            raise UserError(f"{source}: their model raises {failure_words(error)}; mend it") from error
+
+    def told_of(self, search: Search) -> dict[str, Any]:
+        """``search.parameters`` without those that are the defaults: two searches that share it are the same.
+
+        Raises UserError as ``parameters_of``.
+        """
+        values, defaults = dict(self.parameters_of(search)), dict(self.parameters.model_construct())
+        return {
+            name: told
+            for name, told in search.parameters.items()
+            if name not in values or name not in defaults or values[name] != defaults[name]
+        }

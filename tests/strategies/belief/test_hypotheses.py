@@ -56,6 +56,32 @@ def test_a_miss_through_leaves_counts_by_how_probably_it_would_have_shown_someth
     assert odds[2] < odds[1] - 1.0 < odds[0] - 2.0
 
 
+def test_at_sea_what_scores_like_a_skerry_is_no_boat():
+    """A rock of 8 m, 40 m below, spans as many pixels as a boat and is reported as one, with lower scores."""
+    boats = Hypotheses(context_of(scenario="maritime"), "boat", BeliefParameters())
+
+    def evidence_of(score):
+        looks = [(40.0, score, east_m) for east_m in (-4.0, 0.0, 4.0)]
+        target, thing, *_ = boats.evidence(after(looks, boats), PLACE, shift=0.0)
+        return target - thing
+
+    assert evidence_of(0.0) < -1.0
+    assert evidence_of(0.4) < 1.0
+    assert evidence_of(1.3) > 2.0
+
+
+def test_what_every_look_of_a_passing_finds_may_still_be_clothing():
+    """Ten more hits tell something, but not as much as if each look at a look-alike lapsed by itself."""
+    persons = Hypotheses(context_of(scenario="person-wilderness"), "person", BeliefParameters())
+
+    def evidence_of(n):
+        looks = [(20.0, 0.8, 0.8 * (k - n / 2)) for k in range(n)]
+        target, thing, *_ = persons.evidence(after(looks, persons), PLACE, shift=0.0)
+        return target - thing
+
+    assert 1.0 < evidence_of(14) - evidence_of(3) < 3.0
+
+
 def test_low_scores_speak_for_a_target_in_the_shade_of_a_tree():
     """The sun stands in the south-east: the shadow falls to the north-west."""
     tree = {"position_enu_m": [100.0, 100.0], "height_m": 12.0, "crown_radius_m": 3.0}

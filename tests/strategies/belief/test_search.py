@@ -145,7 +145,8 @@ def test_a_team_may_insist_on_a_close_look(highest_m):
         heights = [r["altitude_agl_m"] for r in of_kind(records, "sighting") if r["candidate"] == candidate]
         assert min(heights) <= highest_m
     options = {what for r in of_kind(records, EventKind.CHECK_STARTED) for what, _ in r["alternatives"]}
-    assert options <= {"reject", "confirm", "look from 4 m", f"look from {highest_m - 0.8:.0f} m"}
+    heights_m = [h for h in (4.0, 6.0, 8.8, highest_m - 0.8) if h <= highest_m]
+    assert options <= {"reject", "confirm", *(f"look from {h:.0f} m" for h in heights_m)}
 
 
 LONG = {

@@ -6,9 +6,9 @@ target. Each hypothesis keeps a belief of its luck (``sensing/statistical/luck.p
 weight.
 
 What looks at a target have of their lapses in common is as the model says: a passing that missed it in
-fourteen looks may have missed it once. Other things' lapses are taken as each look's own. If they were
-shared, too, ten hits would tell a look-alike from a target hardly better than one, and which look-alikes
-there are is a guess: ten missions with a thermal camera's pictures found 65 % of the persons so.
+fourteen looks may have missed it once. Of other things it is half of that, for which look-alikes there are is
+a guess. If all of it were shared, ten hits would tell a look-alike from a target hardly better than one. If
+none were, clothing that was found in fourteen looks of fourteen would pass for a person.
 """
 
 from __future__ import annotations
@@ -51,6 +51,7 @@ from skysweep.strategies.context import MissionContext
 from skysweep.worlds.occlusion import FLAT, SHAPES, STANDING, pixels_on_target
 
 _SIZES = (0.7, 1.0, 1.5)  # of what is not searched for, times its usual size
+_SKERRIES_M = (0.7, 1.5, 3.0, 6.0, 10.0)  # rocks that stand out of water are as large as boats, too
 _WATER_KINDS = {"buoy", "boat"}
 _ANIMALS = {"sheep", "deer", "dog"}  # a mission is not told whether there are any: no hypothesis
 _LAND_KINDS = {"stump", "red bucket", "red round sign", "stop sign"}
@@ -63,6 +64,7 @@ _IN_THE_OPEN = 0.0, 0.0  # beside a crown (0 or 1), share in the shade
 _AROUND_M = 0.5  # places so near to each other have the same surroundings
 _UP_A_TREE_M = 2.0  # standard deviation of where a report on a tree is placed, beside its crown's width
 _CLUTTER_LEAST = 1e-3  # of the mean
+_KNOWN_OF_THINGS = 0.5  # of what their lapses have in common
 _AMONG_TREES_STD = 0.6  # of scores beside a crown or in the shade: leaves and light differ
 _HECTARE_M2 = 1e4
 
@@ -90,7 +92,8 @@ class Hypotheses:
             height = 0.5 * size if shape == STANDING else 0.0
             unsure = math.hypot(kind.contrast * own, parameters.model_std if is_target else 0.0)
             shares = kind.object_share, kind.aspect_share, kind.fade_rad
-            of_lapses = (kind.lapse_object_share, kind.lapse_aspect_share) if is_target else (0.0, 0.0)
+            known = 1.0 if is_target else _KNOWN_OF_THINGS
+            of_lapses = known * kind.lapse_object_share, known * kind.lapse_aspect_share
             of_trees = kind.beside, kind.shade
             of_kind = size, shape, height, kind.view, kind.company, unsure
             numbers.append([*of_kind, *shares, *of_lapses, *of_trees])
@@ -345,6 +348,8 @@ def _rows(
             if kind.kind in context.sizes_m:
                 low, high = context.sizes_m[kind.kind]
                 sizes = sorted({low, (low + high) / 2, high})
+            elif kind.kind == "rock" and context.surface == "water":
+                sizes = list(_SKERRIES_M)
             else:
                 sizes = [DEFAULT_SIZE_M[kind.kind] * share for share in _SIZES]
             weight = 1.0 / (len(kinds) * len(sizes))

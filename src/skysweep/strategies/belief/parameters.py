@@ -22,7 +22,8 @@ class BeliefParameters(Model):
         0.95,
         gt=0.5,
         lt=1,
-        description="From here on a candidate is confirmed as soon as it leaves the picture",
+        description="From here on a candidate is confirmed as soon as it leaves the picture; with half of "
+        "the remaining doubt at once",
     )
     target_share: float = Field(0.5, gt=0, lt=1, description="Prior share of candidates that are targets")
     share_weight: float = Field(

@@ -252,7 +252,8 @@ class BeliefSearch:
         goal = self._goal
         if goal is not None and k == goal.id and goal.looks_before is not None:
             n = self._suspects.all[k].n_looks - goal.looks_before
-            looked = f"after {n} more look{'' if n == 1 else 's'} from {goal.view.height_m:.0f} m "
+            if n:
+                looked = f"after {n} more look{'' if n == 1 else 's'} from {goal.view.height_m:.0f} m "
         return f"{looked}a mistake costs {self._verdicts_s(k)[verdict]:.0f} s on average"
 
     # ---- checks ------------------------------------------------------------------------------------------
@@ -510,8 +511,13 @@ class BeliefSearch:
         return Event(kind, k, (x, y, z), self._suspects.probability(k), reason, options)
 
     def _told(self, kind: EventKind, seen: Observation, k: int, otherwise: str) -> Event:
-        """Its probability, and the looks that moved it there, or what did without any."""
-        return self._event(kind, seen, k, self._suspects.tell(k) or otherwise)
+        """Its probability, and the looks that moved it there, or what did without any that found it."""
+        words = self._suspects.tell(k)
+        if not words:
+            words = otherwise
+        elif kind is EventKind.SCANNED and not words.startswith("found"):
+            words = f"{otherwise}; {words}"
+        return self._event(kind, seen, k, words)
 
     def _stays_open(self, seen: Observation, k: int, why: str) -> Event:
         """That a candidate is not decided yet, and the looks since its probability was last told."""
