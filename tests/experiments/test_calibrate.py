@@ -1,7 +1,5 @@
 """The experiment behind the statistical sensor, with the real renderer and the shipped detector."""
 
-import subprocess
-import sys
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import get_args
@@ -32,6 +30,7 @@ from skysweep.sensing.statistical.model import StatisticalModel
 from skysweep.sensing.statistical.sensor import StatisticalSensor
 from skysweep.types import Detections, VehicleState
 from skysweep.worlds.world import TerrainSurface, World, WorldObject
+from warm import run_skysweep
 
 CAMERA = CameraModel(hfov_rad=1.2)
 
@@ -55,7 +54,7 @@ def test_worlds_are_shared_out_as_planned():
 @pytest.mark.parametrize("layout", range(len(LAYOUTS)))
 def test_a_world_gives_the_same_looks_again(layout):
     job = next(j for j in plan_jobs("skysweep", CAMERA, 1200, 0) if j.layout == LAYOUTS[layout])
-    few = replace(job, n_pictures=8)
+    few = replace(job, n_pictures=4)
     (looks, background), (again, background_again) = look_around(few), look_around(few)
     for name in type(looks).__slots__:
         np.testing.assert_array_equal(getattr(looks, name), getattr(again, name))
@@ -67,7 +66,7 @@ def test_a_world_gives_the_same_looks_again(layout):
         assert 0 <= share.min() <= share.max() <= HIDDEN_MAX
     assert 0 <= looks.view.min() <= looks.view.max() <= VIEW_MAX
     assert (looks.blur_px <= BLUR_MAX * looks.pixels).all()
-    assert len(background.hectares) == 8
+    assert len(background.hectares) == 4
     assert (background.hectares > 0).all()
     assert {*looks.picture.tolist()} <= set(range(8))
     found = looks.confidences > 0
@@ -113,7 +112,7 @@ def test_the_file_does_not_depend_on_the_number_of_workers(tmp_path):
     for workers in (1, 2):
         out = tmp_path / str(workers) / "sensor.yaml"
         model = calibrate(
-            "skysweep", CAMERA, out, 48, 3, workers, lambda done, total: seen.append((done, total))
+            "skysweep", CAMERA, out, 24, 3, workers, lambda done, total: seen.append((done, total))
         )
         assert StatisticalModel.load(out) == model
         assert out.with_suffix(".png").stat().st_size > 20_000
@@ -121,7 +120,7 @@ def test_the_file_does_not_depend_on_the_number_of_workers(tmp_path):
         assert model.differences(CAMERA, DetectorModel()) == []
     one, two = (tmp_path / str(w) / "sensor.yaml" for w in (1, 2))
     assert one.read_bytes() == two.read_bytes()
-    assert seen[-1] == (48, 48)
+    assert seen[-1] == (24, 24)
 
 
 def test_a_missing_detector_is_told_before_anything_is_rendered(tmp_path):
@@ -143,13 +142,7 @@ def test_where_nothing_can_be_written_nothing_is_rendered(tmp_path, out, words):
     (tmp_path / "file").touch()
     (tmp_path / "folder").mkdir()
     (tmp_path / "taken.yaml").mkdir()
-    result = subprocess.run(
-        [sys.executable, "-m", "skysweep.cli", "calibrate", *out],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
+    result = run_skysweep("calibrate", *out, cwd=tmp_path, timeout_s=60)
     assert result.returncode == 2, result.stderr
     assert "Traceback" not in result.stderr
     for word in words:

@@ -91,6 +91,42 @@ def test_curves_follow_the_pictures_and_the_rest_is_the_rendered_fit(tmp_path, m
     assert model.held_out[0].brier < model.held_out[0].brier_of_rates
 
 
+def kinds_of(model, kind):
+    return [k for k in model.kinds if k.kind == k.reported_as == kind]
+
+
+def test_whom_it_hardly_ever_finds_it_hardly_ever_finds_in_missions(tmp_path, monkeypatch):
+    """144 persons, none reported: no curve can be fitted, and the rendered one would be far too good."""
+    rendered, out = StatisticalModel.load(), tmp_path / "blind.yaml"
+    data = pictures(tmp_path, monkeypatch)
+    monkeypatch.setattr(Known, "answers", dict.fromkeys(range(24), ()))
+    calibrate_on_pictures(OURS, data, rendered, out)
+    model = StatisticalModel.load(out)
+    assert model.pictures.labels == {"person": 144}
+    assert model.pictures.measured == ["lapse of person", "background of person"]
+    assert "score of person (0 of 144 labels reported)" in model.pictures.from_renders
+    assert "background of boat" in model.pictures.from_renders
+    for kind, known in zip(kinds_of(model, "person"), kinds_of(rendered, "person"), strict=True):
+        assert kind.score == known.score
+        assert max(drawn_rates(kind, _NO_SHIFT)) < 0.02
+    assert kinds_of(model, "boat") == kinds_of(rendered, "boat")
+
+
+def test_false_reports_of_what_is_not_labelled_are_the_rendered_ones(tmp_path, monkeypatch):
+    """They may be right: only persons are labelled. And where none was seen the rate does not rise."""
+    rendered = StatisticalModel.load()
+    data = pictures(tmp_path, monkeypatch)
+    model = calibrate_on_pictures(OURS, data, rendered, tmp_path / "r.yaml")
+    backgrounds = {b.reported_as: b for b in model.background}
+    known = {b.reported_as: b for b in rendered.background}
+    assert [n for n in known if backgrounds[n] == known[n]] == [n for n in known if n != "person"]
+    both = replace(data, class_names=("person", "boat"))
+    model = calibrate_on_pictures(OURS, both, rendered, tmp_path / "r.yaml")
+    boat = next(b for b in model.background if b.reported_as == "boat")
+    assert all(rate <= was for rate, was in zip(boat.per_hectare, known["boat"].per_hectare, strict=True))
+    assert "background of boat" in model.pictures.measured
+
+
 def test_a_picture_shows_the_fit(tmp_path, monkeypatch):
     calibrate_on_pictures(OURS, pictures(tmp_path, monkeypatch), StatisticalModel.load(), tmp_path / "r.yaml")
     picture = cv2.imread(str(tmp_path / "r.png"))
@@ -104,7 +140,7 @@ def test_tiles_make_the_objects_larger(tmp_path, monkeypatch):
     data, rendered = pictures(tmp_path, monkeypatch), StatisticalModel.load()
     whole, _ = look_at(OURS, data, rendered)
     assert Known.given.items() >= {"tiles": 1, "boxes": None, "pixels": None, "channels": None}.items()
-    settings = {"tiles": 2, "boxes": "normalised", "pixels": "0..255", "channels": "rgb"}
+    settings = {"tiles": 2, "boxes": "pixels", "pixels": "0..255", "channels": "rgb"}
     tiled, _ = look_at(DetectorModel(**settings), data, rendered)
     assert Known.given.items() >= settings.items()
     assert tiled.pixels.max() / whole.pixels.max() == pytest.approx(1.216, abs=0.001)
@@ -135,7 +171,7 @@ def test_another_detectors_rendered_fit_and_empty_pictures_are_refused(tmp_path,
     with pytest.raises(UserError, match="--rendered: the sensor model is of skysweep, not of"):
         calibrate_on_pictures(OURS, data, other, tmp_path / "x.yaml")
     few = tuple(replace(image, boxes_xyxy=image.boxes_xyxy[:0], class_names=()) for image in data.images[1:])
-    with pytest.raises(UserError, match="of no class were 5 reports of 3 objects"):
+    with pytest.raises(UserError, match="of no class were 10 labels, or 5 reports of 3 objects"):
         calibrate_on_pictures(
             OURS, replace(data, images=(one_label(data.images[0]), *few)), rendered, tmp_path / "x.yaml"
         )

@@ -18,20 +18,9 @@ from skysweep.experiments.paper.tables import PAPER, compare_rows, markdown_tabl
 from skysweep.experiments.store import MissionStore
 from skysweep.files.folder import Folder
 from skysweep.results.run_folder import load_run
+from warm import run_skysweep
 
-COMMAND = [
-    sys.executable,
-    "-m",
-    "skysweep.cli",
-    "compare",
-    "paper",
-    "--sensor",
-    "statistical",
-    "--seeds",
-    "1",
-    "--set",
-    "camera.rate_hz=1",
-]
+WORDS = ("compare", "paper", "--sensor", "statistical", "--seeds", "1", "--set", "camera.rate_hz=1")
 
 
 SCENARIOS = ["clusters", "abundance", "sparse"]
@@ -44,7 +33,7 @@ def rows(folder, name="compare"):
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     out = tmp_path_factory.mktemp("whole") / "out"
-    result = subprocess.run([*COMMAND, "--workers", "2", "--out", str(out)], capture_output=True, text=True)
+    result = run_skysweep(*WORDS, "--workers", 2, "--out", out)
     assert result.returncode == 0, result.stderr
     return out, result.stdout
 
@@ -87,9 +76,23 @@ def test_eight_rows_scan_only_three_tables_and_a_report(whole):
 
 
 @pytest.mark.slow
+def test_as_json_bounds_that_are_open_are_null(whole):
+    out, _ = whole
+    flown = wall_times_s(out)
+    told = run_skysweep(*WORDS, "--out", out, "--json")
+    compared = json.loads(told.stdout)
+    assert len(compared["rows"]) == 8
+    assert compared["rows"][0]["mission_time_ci95_s"] == [None, None]
+    assert len(compared["baselines"]) == 6  # scan-only and belief in three scenarios
+    assert wall_times_s(out) == flown, "nothing is flown again"
+
+
+@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_killed_and_continued_it_ends_with_the_same_rows(whole, tmp_path):
     out = tmp_path / "out"
-    process = subprocess.Popen([*COMMAND, "--workers", "1", "--out", str(out)], stderr=subprocess.DEVNULL)
+    command = [sys.executable, "-m", "skysweep.cli", *WORDS, "--workers", "1", "--out", str(out)]
+    process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
     deadline = time.monotonic() + 120
     while not list(out.glob("parts/[0-9a-f]*.parquet")):  # whole ones
         assert process.poll() is None, "it ended before it could be killed"
@@ -100,7 +103,7 @@ def test_killed_and_continued_it_ends_with_the_same_rows(whole, tmp_path):
     process.wait()
     assert not _alive_after(children, 20.0), "workers end with the command that was killed"
     before = wall_times_s(out)
-    subprocess.run([*COMMAND, "--workers", "1", "--out", str(out)], check=True, capture_output=True)
+    subprocess.run(command, check=True, capture_output=True)
     after = wall_times_s(out)
     assert 0 < len(before) < len(after) == 14
     assert before.items() <= after.items(), "finished missions are not flown again"

@@ -19,6 +19,7 @@ from skysweep.files.folder import Folder
 from skysweep.files.locking import locked
 from skysweep.flights.fly import fly_in_memory
 from skysweep.results.summary import Summary
+from skysweep.scenarios.files import load_scenario
 
 
 def matrix(seeds=3, **changes):
@@ -154,3 +155,12 @@ def test_parts_of_a_sweep_that_lost_its_spec_are_refused(tmp_path):
         MissionStore(Folder(tmp_path)).append(rows)
         with pytest.raises(UserError, match="holds a sweep"):
             fly_missing([matrix()], fly_nothing, tmp_path, 1)
+
+
+def test_a_parameter_written_at_its_default_is_no_other_configuration():
+    """They were flown twice, and the report refused the table that had both."""
+    plain = load_scenario("clusters").with_search(strategy="belief")
+    written = plain.with_search(parameters={"alarm_cost_s": 400.0})
+    other = plain.with_search(parameters={"alarm_cost_s": 500.0})
+    matrix = Matrix.of([("it", s) for s in (plain, written, other)], [0], "statistical", [])
+    assert len(matrix.configurations) == 2

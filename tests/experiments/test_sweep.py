@@ -513,7 +513,7 @@ def test_options_that_do_not_go_together():
 
 def test_ray_that_is_not_installed_is_an_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
-    with pytest.raises(UserError, match=r"skysweep\[ray\]"):
+    with pytest.raises(UserError, match=r"install it with  tools/setup\.sh ray"):
         make_engine("ray")
 
 

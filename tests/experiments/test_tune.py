@@ -32,7 +32,7 @@ from skysweep.experiments.tune.race import (
     incumbents,
     why_dropped,
 )
-from skysweep.experiments.tune.report import matters_grid
+from skysweep.experiments.tune.report import Tuned, how_sure, matters_grid, recommendation_rule
 from skysweep.experiments.tune.run import Problem, family_of, search
 from skysweep.experiments.tune.space import (
     CHECK_SPEED,
@@ -57,6 +57,7 @@ from skysweep.experiments.tune.validate import (
 )
 from skysweep.planning.advice import warnings_for
 from skysweep.scenarios.files import change_scenario, load_scenario, parse_scenario
+from warm import run_skysweep
 
 TUNE = [sys.executable, "-m", "skysweep.cli", "tune"]
 TINY = """\
@@ -83,7 +84,7 @@ def tiny(**changes):
 
 
 def tune(*arguments):
-    return subprocess.run([*TUNE, *map(str, arguments)], capture_output=True, text=True, timeout=900)
+    return run_skysweep("tune", *arguments, timeout_s=900)
 
 
 def problem(*space, scenario=None, **others):
@@ -303,6 +304,29 @@ def test_the_recall_constraint_is_respected(tmp_path):
     assert low.mean("recall") >= 0.95
 
 
+@pytest.mark.parametrize(
+    ("altitude_m", "recall"),
+    [(25.0, "at least 0.95 in every scenario"), (120.0, "within 0.01 of the highest")],
+)
+def test_the_rule_that_is_told_is_the_one_that_chose(altitude_m, recall, tmp_path):
+    """Where nothing reached the recall, what was recommended was said to have reached it."""
+    wanted = problem(Parameter(CHECK_SPEED, (2.0, 4.0)), scenario=tiny(**{H_S: altitude_m}), seeds=4)
+    candidates = candidates_of(wanted, [])[:1]
+    flown_fresh = fly_candidates(wanted.scenarios, candidates, 4, tmp_path, 1)
+    tuned = Tuned(wanted, [], standings(candidates, flown_fresh, wanted.rules), {})
+    assert f"a mean recall of {recall}" in recommendation_rule(tuned)
+    assert ("NOTHING tried reached recall 0.95" in " ".join(how_sure(tuned))) == ("within" in recall)
+
+
+def test_trials_that_flew_the_same_missions_are_one_finalist(tmp_path):
+    """With n_c = 1 d_c changes nothing: the runner-up was the best once more, "the same in every mission"."""
+    wanted = problem(Parameter(D_C, (30.0, 60.0, math.inf)), scenario=tiny(**{N_C: 1}))
+    trials = search(wanted, f"sqlite:///{tmp_path}/study.db", "tiny", 8, workers=1)
+    assert len({t.values[D_C] for t in trials if t.dropped is None}) >= 2
+    labels = [c.label for c in candidates_of(wanted, trials) if c.label.startswith("trial")]
+    assert len(labels) == 1
+
+
 def test_a_trial_that_is_not_what_was_written_is_refused(tmp_path):
     space = Parameter(CHECK_SPEED, (2.0, 4.0)), Parameter(N_C, (1.0, 5.0, math.inf))
     wanted, path = problem(*space), tmp_path / "study.db"
@@ -448,9 +472,8 @@ def test_the_command_end_to_end(tmp_path, scenario_file):
     assert change_scenario(load_scenario(overlay["scenario"]), overlay["set"]) == recommended
     for name in ("search.png", "search.csv", "matters-tiny.png", "matters-tiny.csv", "tuning.md"):
         assert (folder / name).stat().st_size > 100
-    run = [sys.executable, "-m", "skysweep.cli", "run", folder / "recommended.yaml"]
-    flight = subprocess.run(
-        [*run, "--sensor", "statistical", "--out", tmp_path / "run"], capture_output=True, text=True
+    flight = run_skysweep(
+        "run", folder / "recommended.yaml", "--sensor", "statistical", "--out", tmp_path / "run"
     )
     assert flight.returncode == 0, flight.stderr
     missions = (folder / "missions.parquet").read_bytes()
@@ -562,7 +585,7 @@ def test_without_optuna_the_extra_is_named(tmp_path, scenario_file):
         text=True,
     )
     assert result.returncode == 2
-    assert "pip install 'skysweep[tune]'" in result.stderr
+    assert "tools/setup.sh tune" in result.stderr
 
 
 def test_targets_are_needed(tmp_path):

@@ -1,7 +1,12 @@
 """Many jobs on few processes: all of them, once, whatever the number of workers."""
 
 import itertools
+import multiprocessing
 import os
+import signal
+import subprocess
+import sys
+import time
 
 import pytest
 
@@ -25,6 +30,29 @@ def test_every_job_is_done_once_and_keeps_its_result(workers):
     assert len({pid for _, (_, pid) in done}) <= workers
 
 
+SLOW = """\
+import time
+import polars  # holds back SIGINT from waits without an end
+from skysweep.experiments.workers import run_jobs
+if __name__ == "__main__":
+    print("begun", flush=True)
+    list(run_jobs(time.sleep, [60.0], 1))
+"""
+
+
+def test_ctrl_c_does_not_wait_for_a_result(tmp_path):
+    (tmp_path / "slow.py").write_text(SLOW)
+    with subprocess.Popen(
+        [sys.executable, "slow.py"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    ) as program:
+        assert program.stdout.readline() == b"begun\n"
+        time.sleep(2.0)
+        started = time.monotonic()
+        program.send_signal(signal.SIGINT)
+        assert program.wait(30) != 0
+    assert time.monotonic() - started < 20.0
+
+
 def test_jobs_are_read_only_as_they_are_needed():
     given = itertools.count()
     results = run_jobs(abs, given, 1)
@@ -40,3 +68,13 @@ def test_no_jobs_are_no_work():
 def test_what_goes_wrong_in_a_job_is_told():
     with pytest.raises(ValueError, match="seven"):
         list(run_jobs(refuse_seven, range(20), 2))
+
+
+def test_what_goes_wrong_ends_no_process_of_the_caller():
+    of_the_caller = multiprocessing.get_context("spawn").Process(target=time.sleep, args=(60,))
+    of_the_caller.start()
+    with pytest.raises(ValueError, match="seven"):
+        list(run_jobs(refuse_seven, range(20), 2))
+    of_the_caller.join(1)
+    assert of_the_caller.is_alive()
+    of_the_caller.kill()

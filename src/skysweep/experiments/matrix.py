@@ -18,7 +18,7 @@ from skysweep.strategies import code_of, strategy_spec
 from skysweep.strategies.fields import value_at
 from skysweep.worlds.ground_files import ground_digest
 
-RESULTS_VERSION = 9  # increased when missions of the same scenario and seed end differently than before
+RESULTS_VERSION = 11  # increased when missions of the same scenario and seed end differently than before
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ class Matrix:
         configurations = {
             (label, digest): LabelledScenario(label, scenario, digest)
             for label, scenario in scenarios
-            for digest in [_digest(scenario, sensor, results_version)]
+            for digest in [digest_of(scenario, sensor, results_version)]
         }
         return cls(tuple(configurations.values()), seeds, sensor, tuple(fields))
 
@@ -112,11 +112,13 @@ def _config_hash(digest: str, seed: int) -> str:
     return hashlib.sha256(f"{digest}|{seed}".encode()).hexdigest()[:16]
 
 
-def _digest(scenario: Scenario, sensor: str, results_version: int) -> str:
+def digest_of(scenario: Scenario, sensor: str, results_version: int) -> str:
     """A digest of the resolved scenario, the sensor, the files that missions read, and the version."""
     fields = scenario.model_dump(by_alias=True)
+    if scenario.search.parameters:
+        fields["search"]["parameters"] = strategy_spec(scenario.search.strategy).told_of(scenario.search)
     own, version = code_of(scenario.search.strategy)
-    named = [scenario.search.plan, *scenario.detector.model_dump().values(), own and str(own)]
+    named = [scenario.search.plan, *scenario.detector.model_dump().values(), *map(str, own)]
     files = _shipped_files(scenario, sensor)
     files += [Path(n) for n in named if isinstance(n, str) and os.path.isfile(n)]
     ground = ground_digest(scenario)

@@ -16,6 +16,7 @@ Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 _GARBAGE = 50_000  # new objects between two searches for cycles: missions make few, and this saves 3 % time
+_BREATH_S = 0.5  # of one wait for a result: some libraries hold back Ctrl-C from a wait without an end
 _WINDOW = 8  # jobs handed out per worker, so that none waits while a result is written
 
 
@@ -31,6 +32,7 @@ def run_jobs(
     context = multiprocessing.get_context("spawn")
     waiting = iter(jobs)
     running: dict[Future[Result], Job] = {}
+    others = multiprocessing.active_children()
     with ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker) as pool:
         try:
             while True:
@@ -38,12 +40,13 @@ def run_jobs(
                     running[pool.submit(work, job)] = job
                 if not running:
                     return
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                for future in wait(running, _BREATH_S, FIRST_COMPLETED).done:
                     yield running.pop(future), future.result()
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
-            for worker in multiprocessing.active_children():
-                worker.terminate()
+            for process in multiprocessing.active_children():
+                if process not in others:
+                    process.terminate()
             raise
 
 

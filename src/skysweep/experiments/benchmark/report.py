@@ -20,7 +20,7 @@ from skysweep.experiments.benchmark.measures import (
 )
 from skysweep.experiments.benchmark.run import Flown
 from skysweep.experiments.benchmark.suite import Contender, Suite, close_look_m
-from skysweep.experiments.matrix import RESULTS_VERSION
+from skysweep.experiments.matrix import RESULTS_VERSION, digest_of
 from skysweep.files.writing import whole_files
 from skysweep.results.reporting.html import Grid, Section, write_page
 from skysweep.results.reporting.statistics import Estimate
@@ -81,6 +81,7 @@ def as_json(suite: Suite, found: Standings, seeds: range, reference: str) -> dic
         base = family.base()
         families[family.label] = {
             "area_ha": round(base.area_enu_m.area / 1e4, 3),
+            "digest": digest_of(base, suite.sensor, RESULTS_VERSION)[:16],
             "close_look_m": close_look_m(base, suite.target_px),
             "contenders": {s.contender.name: _standing_json(s) for s in found[family.label]},
         }

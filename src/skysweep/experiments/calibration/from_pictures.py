@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from skysweep.arrays import F64
 from skysweep.detection.model_files import existing_model_file, sha256_of
@@ -28,6 +29,7 @@ from skysweep.errors import UserError
 from skysweep.experiments.calibration.check import goodness, tell
 from skysweep.experiments.calibration.figure import draw_fit
 from skysweep.experiments.calibration.fit import (
+    FLOOR_SCORE,
     GRID_PX,
     MIN_OBJECTS,
     MIN_REPORTS,
@@ -53,8 +55,9 @@ from skysweep.sensing.statistical.model import BackgroundModel, KindModel, RealP
 from skysweep.types import Frame
 
 _EDGE_PX = 1.0  # a label this near to the picture's edge is cut, and left out
-_FEW = 0.5  # reports that are added to a count that is too small to fit
-FROM_RENDERS = (
+_MANY_LABELS = 10  # of a class: with too few reports for a curve they still tell how many there are
+_FEW = 0.5  # reports, added to a count too small to fit and to what renders let expect
+ALWAYS_FROM_RENDERS = (
     "poses of a kind: every one has the measured curve",
     "view, front, hidden, cut, edges, blur, contrast and grounds",
     "the shares of object and pass, and again and same_share of the background",
@@ -92,28 +95,48 @@ def calibrate_on_pictures(
         for (subject, c), curve in fit_curves(looks, factors).items()
         if SUBJECTS[subject][0] == CLASSES[c]
     }
-    if not curves:
+    seldom = {k: n for k in CLASSES if k not in curves and (n := len(_confidences(looks, k))) >= _MANY_LABELS}
+    if not curves and not seldom:
         raise UserError(
-            f"{data.path}: of no class were {MIN_REPORTS} reports of {MIN_OBJECTS} objects; give more "
-            "pictures, if the detector finds anything in them"
+            f"{data.path}: of no class were {_MANY_LABELS} labels, or {MIN_REPORTS} reports of {MIN_OBJECTS} "
+            "objects; give more pictures"
         )
     keys = [(_SUBJECT[kind], CLASSES.index(kind)) for kind in curves]
     measured = [f"score, spread and lapse of {kind}" for kind in curves]
-    rates = [_background(background, c, rendered) for c in range(len(CLASSES))]
+    measured += [f"lapse of {kind}" for kind in seldom]
+    labelled = {ours(name, renames or {}) for name in data.class_names}
+    rates = [
+        _background(background, c, rendered, is_labelled=CLASSES[c] in labelled) for c in range(len(CLASSES))
+    ]
     measured += [f"background of {b.reported_as}" for b, is_own in rates if b is not None and is_own]
-    counts = {kind: int((looks.subject == _SUBJECT[kind]).sum()) for kind in curves}
+    counts = {kind: int((looks.subject == _SUBJECT[kind]).sum()) for kind in CLASSES}
+    reported = {kind: int((_confidences(looks, kind) > 0.0).sum()) for kind in CLASSES}
+    rendered_still = [
+        f"score{'' if kind in seldom else ', spread and lapse'} of {kind} "
+        f"({reported[kind]} of {counts[kind]} labels reported)"
+        for kind in CLASSES
+        if kind not in curves
+    ]
+    rendered_still += [
+        f"background of {b.reported_as}" for b, is_own in rates if b is not None and not is_own
+    ]
     told = tell(looks, factors, keys)
     fitted = rendered.model_copy(
         update={
-            "kinds": [_measured(kind, rendered, curves) for kind in rendered.kinds],
+            "kinds": [
+                _seldom_reported(kind, rendered, looks)
+                if kind.kind == kind.reported_as in seldom
+                else _measured(kind, rendered, curves)
+                for kind in rendered.kinds
+            ],
             "background": [b for b, _ in rates if b is not None],
             "held_out": goodness(told),
             "pictures": RealPictures(
                 pictures=len(data.images),
-                labels=counts,
+                labels={kind: n for kind, n in counts.items() if n},
                 hectares=round(float(background.hectares.sum()), 2),
                 measured=measured,
-                from_renders=list(FROM_RENDERS),
+                from_renders=[*ALWAYS_FROM_RENDERS, *rendered_still],
             ),
         }
     )
@@ -125,6 +148,11 @@ def calibrate_on_pictures(
         (unfinished / out_yaml.name).write_text(header + text, encoding="utf-8")
         draw_fit(looks, background, told, fitted, unfinished / out_yaml.with_suffix(".png").name)
     return fitted
+
+
+def _confidences(looks: ScoredLooks, kind: str) -> F64:
+    """With what each label of a kind is reported as what it is; 0: not at all."""
+    return np.asarray(looks.confidences[looks.subject == _SUBJECT[kind], CLASSES.index(kind)])
 
 
 def _measured(kind: KindModel, rendered: StatisticalModel, curves: dict[str, ScoreCurve]) -> KindModel:
@@ -140,17 +168,36 @@ def _measured(kind: KindModel, rendered: StatisticalModel, curves: dict[str, Sco
     )
 
 
+def _seldom_reported(kind: KindModel, rendered: StatisticalModel, looks: ScoredLooks) -> KindModel:
+    """A kind with the rendered scores, and so many lapses that as many labels are reported as were."""
+    mine = looks.where(looks.subject == _SUBJECT[kind.kind])
+    score, spread, lapse = (
+        np.interp(np.log(mine.pixels), np.log(rendered.pixels), table)
+        for table in (kind.score, kind.spread, kind.lapse)
+    )
+    expected = float(((1.0 - lapse) * ndtr((score - FLOOR_SCORE) / spread)).sum())
+    n = int((_confidences(looks, kind.kind) > 0.0).sum())
+    times = min(1.0, (n + _FEW) / (expected + _FEW))
+    return kind.model_copy(
+        update={
+            name: [round(1.0 - times * (1.0 - lapse), 4) for lapse in getattr(kind, name)]
+            for name in ("lapse", "lapse_among")
+        }
+    )
+
+
 def _background(
-    seen: Background, class_index: int, rendered: StatisticalModel
+    seen: Background, class_index: int, rendered: StatisticalModel, *, is_labelled: bool
 ) -> tuple[BackgroundModel | None, bool]:
     """False reports of a class, and whether the pictures tell their rate.
 
-    Too few to fit scale the rendered rate to what was counted. The ground of the pictures is not known, so a
-    fitted rate is the same on every ground.
+    They do not where the class is not labelled: its reports may be right. Too few to fit scale the rendered
+    rate to what was counted. The ground of the pictures is not known, so a fitted rate is the same on every
+    ground.
     """
     name = CLASSES[class_index]
     known = next((b for b in rendered.background if b.reported_as == name), None)
-    if not len(seen.hectares):
+    if not len(seen.hectares) or not is_labelled:
         return known, False
     fitted = fit_background(seen, class_index)
     if fitted is None:
@@ -158,7 +205,7 @@ def _background(
             return None, False
         n = int((seen.class_index == class_index).sum())
         per_hectare = np.interp(np.log(seen.altitude_agl_m), np.log(known.altitude_agl_m), known.per_hectare)
-        times = (n + _FEW) / max(float((per_hectare * seen.hectares).sum()), 1e-9)
+        times = (n + _FEW) / (float((per_hectare * seen.hectares).sum()) + _FEW)
         scaled = [float(f"{times * rate:.3g}") for rate in known.per_hectare]
         return known.model_copy(update={"per_hectare": scaled}), True
     here = next(iter(fitted.surfaces.values()))  # all pictures count as of the first ground

@@ -178,7 +178,9 @@ def _missions_with_pictures(folder: Path, rows: Sequence[CompareRow]) -> Section
         right = f"{s['n_confirmed']} of {s['n_targets']}"
         time_s = f"{s['mission_time_s']:.0f}"
         lines.append((name, choice(choice_of(s)), time_s, mean, right, str(s["false_positives"])))
-        maps.append(picture(folder / name / "map.png", f"{name}: more in {folder.name}/{name}/report.html"))
+        maps.append(
+            picture(folder / name / "map.png", f"{name}: its own report is {folder.name}/{name}/report.html")
+        )
     if not lines:
         return None
     header = ("Scenario", "Strategy", "Time (s)", "Mean of all seeds (95 % CI)", "Found", "False pos.")

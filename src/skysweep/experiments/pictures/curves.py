@@ -46,7 +46,11 @@ def precision_recall(evaluation: Evaluation, class_name: str) -> PrecisionRecall
     confidence = np.array([r.confidence for r in reports])
     order = np.argsort(-confidence, kind="stable")
     right = np.cumsum(np.array([r.label is not None for r in reports])[order])
-    return PrecisionRecall(confidence[order], right / np.arange(1, len(order) + 1), right / n_labels)
+    falling = confidence[order]
+    last = np.append(falling[1:] < falling[:-1], True)  # of equal ones: a threshold takes all of them
+    return PrecisionRecall(
+        falling[last], (right / np.arange(1, len(order) + 1))[last], right[last] / n_labels
+    )
 
 
 def reliability(evaluation: Evaluation) -> list[Reliable]:

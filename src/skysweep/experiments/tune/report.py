@@ -15,7 +15,7 @@ import polars as pl
 import yaml
 
 from skysweep.experiments.tune.figures import draw_matters, draw_search
-from skysweep.experiments.tune.race import RECALL_SLACK, RaceRules
+from skysweep.experiments.tune.race import RECALL_SLACK
 from skysweep.experiments.tune.run import Problem
 from skysweep.experiments.tune.space import D_C, TUNED
 from skysweep.experiments.tune.study import Trial
@@ -129,10 +129,10 @@ def recommendation_sentence(tuned: Tuned) -> str:
     )
 
 
-def recommendation_rule(rules: RaceRules) -> str:
-    """The rule that chooses the recommended candidate."""
-    recall = f"within {RECALL_SLACK:g} of the highest"
-    if rules.min_recall is not None:
+def recommendation_rule(tuned: Tuned) -> str:
+    """The rule that chose the recommended candidate."""
+    rules, recall = tuned.problem.rules, f"within {RECALL_SLACK:g} of the highest"
+    if rules.min_recall is not None and tuned.best.feasible:
         recall = f"at least {rules.min_recall:g} in every scenario"
     return (
         "Recommended: of the candidates that finished every search with a mean recall of "
@@ -315,7 +315,7 @@ def _markdown(tuned: Tuned) -> str:
         f"{len(tuned.trials)} trials, up to {problem.seeds} seeds each.",
         markdown(recommendation(tuned)).rstrip(),
         recommendation_sentence(tuned),
-        recommendation_rule(problem.rules),
+        recommendation_rule(tuned),
         *how_sure(tuned),
         markdown(standings_table(tuned)).rstrip(),
         *(
@@ -350,7 +350,7 @@ def tuning_json(tuned: Tuned) -> dict[str, Any]:
             }
             for s in tuned.standings
         ],
-        "rule": recommendation_rule(problem.rules),
+        "rule": recommendation_rule(tuned),
         "how_sure": how_sure(tuned),
         "matters": {
             name: {"cells": _cells_table(cells).to_dicts(), "says": matters_sentences(cells)}

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from skysweep.experiments.flying import fly_job, fly_missing
-from skysweep.experiments.matrix import Matrix
+from skysweep.experiments.matrix import RESULTS_VERSION, Matrix, digest_of
 from skysweep.experiments.tune.race import Outcomes, RaceRules, best_first, outcome_of, recall_floor
 from skysweep.experiments.tune.run import PAPER_N_C, Problem
 from skysweep.experiments.tune.space import D_C, N_C, nearby_distances_m
@@ -26,7 +26,7 @@ from skysweep.results.reporting.statistics import (
     resampled_means,
 )
 from skysweep.results.reporting.symbols import number
-from skysweep.scenarios.files import change_scenario, dump_scenario
+from skysweep.scenarios.files import change_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.types import F64
 
@@ -111,17 +111,25 @@ class Effect:
 
 
 def candidates_of(problem: Problem, trials: Sequence[Trial]) -> list[Contender]:
-    """The best trials that flew all seeds, the scenario's own values, and the paper's n_c."""
+    """The best trials that flew all seeds, the scenario's own values, and the paper's n_c.
+
+    Of trials that flew the same missions with other values, as with n_c = 1 and any d_c, the first counts.
+    """
     many = len(problem.scenarios)
     finished = [t for t in trials if t.dropped is None and t.same_as is None]
-    order = best_first([t.flown(many) for t in finished], problem.rules)[:FINALISTS]
-    candidates = [Contender(f"trial {finished[k].number}", finished[k].values) for k in order]
+    order = best_first([t.flown(many) for t in finished], problem.rules)
+    best: dict[str, Trial] = {}
+    for k in order:
+        best.setdefault(str(finished[k].missions), finished[k])
+    finalists = [*best.values()][:FINALISTS]
+    candidates = [Contender(f"trial {trial.number}", trial.values) for trial in finalists]
     candidates.append(Contender("own values", {}))
     if any(parameter.field == N_C for parameter in problem.space):
         candidates += [Contender(f"own, n_c = {number(n_c)}", {N_C: n_c}) for n_c in PAPER_N_C]
     named: dict[str, Contender] = {}
     for candidate in candidates:
-        key = "".join(dump_scenario(change_scenario(s, candidate.changes)) for s in problem.scenarios)
+        changed = [change_scenario(s, candidate.changes) for s in problem.scenarios]
+        key = "".join(digest_of(scenario, "statistical", RESULTS_VERSION) for scenario in changed)
         if key in named:
             known = named[key]
             candidate = Contender(f"{known.label} ({candidate.label.removeprefix('own, ')})", known.changes)
