@@ -10,6 +10,7 @@ import threading
 import pytest
 from typer.testing import CliRunner
 
+from skysweep import errors
 from skysweep.cli import app
 from skysweep.flights import doctor
 from skysweep.flights.doctor import CHECKS, Finding, can_fly, examine
@@ -38,13 +39,13 @@ def test_extras_are_those_of_the_package_with_what_they_lack():
     assert {"extra px4", "extra ros", "extra train"} <= set(found)
     assert found["extra px4"].passed is True
     for finding in found.values():
-        assert finding.passed or finding.mend == doctor.mend(finding.name.removeprefix("extra "))
+        assert finding.passed or finding.mend == errors.install_command(finding.name.removeprefix("extra "))
 
 
 def test_without_a_clone_pip_mends(monkeypatch, tmp_path):
-    assert doctor.mend("px4") == "tools/setup.sh px4"
-    monkeypatch.setattr(doctor, "_CLONE", tmp_path)
-    assert doctor.mend("px4") == "pip install 'skysweep[px4]'"
+    assert errors.install_command("px4") == "tools/setup.sh px4"
+    monkeypatch.setattr(errors, "CLONE", tmp_path)
+    assert errors.install_command("px4") == "pip install 'skysweep[px4]'"
 
 
 @pytest.fixture

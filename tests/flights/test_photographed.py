@@ -1,6 +1,7 @@
 import csv
 import json
 import math
+import re
 import sys
 from pathlib import Path
 
@@ -276,6 +277,16 @@ def test_a_picture_of_the_sky_is_left_out(tmp_path):
     shots, ((name, why),) = shots_of(tmp_path, None, None, 1.0, has_dem=False)
     assert ([shot.name for shot in shots], name) == (["down.jpg"], "up.jpg")
     assert why.startswith("shows no ground, as its camera looks up (pitch_deg 90;")
+
+
+def test_a_picture_of_an_earlier_flight_is_left_out(tmp_path):
+    """Cards keep them; this one is of 300 km farther east."""
+    grey = np.full((SIZE_PX[1], SIZE_PX[0], 3), 90, np.uint8)
+    for k in range(4):
+        shot_from(None, tmp_path, f"{k}.jpg", (3e5 if k == 3 else 0.0, 5.0 * k, 20.0), 0.0, -90.0, grey)
+    shots, ((name, why),) = shots_of(tmp_path, None, None, 1.0, has_dem=False)
+    assert ([shot.name for shot in shots], name) == (["0.jpg", "1.jpg", "2.jpg"], "3.jpg")
+    assert re.match(r"was taken (299|30\d) km away from most; look at it in a run of its own", why)
 
 
 def test_a_table_without_rows_of_the_pictures_is_refused(tmp_path):

@@ -90,6 +90,29 @@ def test_a_candidate_that_the_operator_rejects_from_anywhere_keeps_its_picture(b
     assert book.names() == ["candidate-7-1.0s.jpg"]
 
 
+def test_a_better_picture_after_the_announcement_is_kept_beside_the_announced_one(book):
+    """At a confirmation the candidate is often half in the picture, and the next look shows all of it."""
+    book.see(1.0, 4.0, 0.8, box=(0.0, 160.0, 30.0, 200.0))
+    book.write(1.3, "confirmed", candidate=7)
+    book.see(1.4, 4.0, 0.9)
+    assert book.names() == ["candidate-7-1.0s.jpg", "candidate-7-1.4s.jpg"]
+    assert book.picture_of(7).name == "candidate-7-1.4s.jpg"
+    book.see(1.8, 2.0, 0.9)
+    assert book.names() == ["candidate-7-1.0s.jpg", "candidate-7-1.8s.jpg"]
+
+
+def test_a_flight_that_goes_on_keeps_the_announced_picture(book, tmp_path):
+    book.see(1.0, 4.0, 0.5)
+    earlier = [
+        {"t": 1.0, "kind": "sighting", "candidate": 7, "confidence": 0.5, "altitude_agl_m": 4.0},
+        {"t": 1.3, "kind": "confirmed", "candidate": 7},
+    ]
+    eye = Eye(look(50.0, 4.0, (MIDDLE, 0.8)))
+    again = PictureBook(MemoryJournal(), tmp_path / "pictures", eye, lambda _x, _y: 2.0, earlier)
+    again.write(50.0, "sighting", candidate=7, confidence=0.8, altitude_agl_m=4.0)
+    assert book.names() == ["candidate-7-1.0s.jpg", "candidate-7-50.0s.jpg"]
+
+
 def test_no_candidate_is_dropped(book):
     for k in range(60):
         book.see(float(k), 4.0, 0.8, candidate=k)
@@ -141,6 +164,18 @@ def test_a_label_at_the_edge_has_as_many_letters_as_in_the_middle(box):
 
     assert white(box) == pytest.approx(white(MIDDLE), rel=0.1)
     assert white(MIDDLE) > 500
+
+
+@pytest.mark.parametrize(
+    "box", [(0.0, 330.0, 60.0, 359.0), (580.0, 330.0, 639.0, 359.0), (2.0, 1.0, 90.0, 30.0)]
+)
+def test_no_words_hide_the_candidate(box):
+    _, found = look(0.0, 4.0, (box, 0.87))
+    blank = np.full((360, 640, 3), 90, np.uint8)
+    image, silent = (labelled(blank, found, 0, words) for words in ("16.6 m above ground, 4:52", ""))
+    x0, y0, x1, y1 = (round(2 * v) for v in box)
+    assert (image[y0:y1, x0:x1] == silent[y0:y1, x0:x1]).all()
+    assert (image != silent).any()
 
 
 def test_the_picture_is_whole_and_only_enlarged():

@@ -137,6 +137,19 @@ def test_what_does_not_answer_or_fails_ends_it():
     assert "does not answer" in check.said
 
 
+def test_one_answer_and_no_second_ends_it():
+    first_is_over = threading.Event()
+
+    def stops():
+        if first_is_over.is_set():
+            time.sleep(2 * 5.0 / FASTER)
+        first_is_over.set()
+
+    check, _ = rehearsed(stops)
+    assert check.passed is False
+    assert "does not answer" in check.said
+
+
 NOTHING_MORE = """
 import gc
 from numba.core.dispatcher import Dispatcher

@@ -498,7 +498,9 @@ def test_ctrl_c_says_the_command_that_goes_on(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.6, 1.0])
+@pytest.mark.parametrize(
+    "share", [0.3, *(pytest.param(share, marks=pytest.mark.exhaustive) for share in (0.0, 0.6, 1.0))]
+)
 def test_with_pictures_it_ends_the_same_too(pictured, tmp_path, share):
     lines = read_journal(pictured / "journal.jsonl")
     seen = [k for k, line in enumerate(lines, start=1) if line["kind"] == "look" and line["confidences"]]

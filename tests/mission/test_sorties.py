@@ -281,7 +281,12 @@ def whole(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    ("mode", "tick"), [("SWAP", 1), ("SWAP", 300), ("SWAP", 600), ("SWAP", 601), ("TRANSIT", 40)]
+    ("mode", "tick"),
+    [
+        ("SWAP", 300),
+        ("TRANSIT", 40),
+        *(pytest.param("SWAP", tick, marks=pytest.mark.exhaustive) for tick in (1, 600, 601)),
+    ],
 )
 def test_killed_between_two_sorties_it_resumes_bit_for_bit(whole, tmp_path, mode, tick):
     """With SIGKILL as it lands, while it waits, right before it takes off again, and so on."""

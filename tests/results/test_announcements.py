@@ -63,7 +63,7 @@ def test_a_find_says_where_how_sure_when_and_which_picture(tmp_path):
         confirmed(133.2, 7),
     ]
     assert told(records, picture_of=picture_of) == [
-        "found stop sign 1 at 60.4494083, 22.2968245 (E 12.3 m, N 45.6 m), confidence 0.87, "
+        "found stop sign 1 at 60.4494083, 22.2968245 (E 12.3 m, N 45.6 m), confidence up to 0.87, "
         f"2:13 after take-off, picture {tmp_path / '7.jpg'}"
     ]
     assert asked == [7]
@@ -73,7 +73,7 @@ def test_only_what_is_new_is_said_and_the_counting_goes_on():
     before = [sighting(10.0, 1, 0.9), confirmed(11.0, 1), sighting(12.0, 2, 0.7, "boat")]
     (said,) = told([confirmed(20.0, 2)], before)
     assert said.startswith("found boat 2 at ")
-    assert "confidence 0.70, 0:20 after" in said
+    assert "confidence up to 0.70, 0:20 after" in said
     assert "picture" not in said
 
 
@@ -109,7 +109,7 @@ def test_a_mission_says_each_find_once_as_its_files_do(tmp_path):
     for words, row in zip(finds, rows, strict=True):
         place = f"{float(row['latitude_deg']):.7f}, {float(row['longitude_deg']):.7f}"
         assert words.startswith(f"found {row['name']} at {place} (")
-        assert f"confidence {float(row['confidence']):.2f}" in words
+        assert f"confidence up to {float(row['confidence']):.2f}" in words
 
 
 @pytest.mark.parametrize("again", [False, True], ids=["replayed", "complete"])

@@ -84,7 +84,7 @@ def test_a_strategy_without_probabilities_has_confidences_alone(tiny_run, tmp_pa
     text = write_run_report(tiny_run, compute_summary(tiny_run), tmp_path).read_text("utf-8")
     assert "How sure it was" not in text
     assert '<th scope="col">Probability</th>' not in text
-    assert '<th scope="col">Confidence</th>' in text
+    assert '<th scope="col">Best confidence</th>' in text
 
 
 def test_what_was_confirmed_says_how_surely_and_from_where(run):
@@ -95,7 +95,7 @@ def test_what_was_confirmed_says_how_surely_and_from_where(run):
     for record in run.records:
         announcer.hear(record)
     (found_words,) = [words for words in said if words.startswith("found")]
-    assert ", probability over 0.99, seen from 2 m and higher, confidence 0.80, " in found_words
+    assert ", probability over 0.99, seen from 2 m and higher, confidence up to 0.80, " in found_words
 
 
 def test_an_unchecked_candidate_gives_the_strategys_own_reason(tmp_path):

@@ -81,7 +81,7 @@ def test_run_folder_gets_everything(tiny_folder):
     assert len(page.sources) == 2 + 1, "map, probability of detection, pictures"
     for told in (
         "The search of 800 m² ended 1 min 0 s after take-off: 2 of 3 targets confirmed, 3 of 5 verdicts on "
-        "no target.",
+        "something else.",
         "Strategy scan-check: candidates are checked after 1 of them (n_c) or at the end of the scan.",
         "0:11 Down to 2 m to check. Confirmed stop sign 1. ",
         "Rejected 1 candidate. Back to the search at 0:21.",
@@ -136,7 +136,7 @@ def report_of(folder, records):
 def test_a_target_that_was_rejected_is_told_in_the_lead_and_on_a_tile(tmp_path):
     rejected = [event(54, "scanned", 7, [35, 11, 0]), event(56, "rejected", 7, [35, 11, 0])]
     text = report_of(tmp_path / "run", [*tiny_records(), *rejected])
-    assert "2 of 3 targets confirmed, 3 of 6 verdicts on no target, 1 target seen and rejected." in text
+    assert "2 of 3 targets confirmed, 3 of 6 verdicts on something else, 1 target seen and rejected." in text
     assert "1 seen and rejected" in text
     run = load_run(tmp_path / "run")
     assert figures._marks_of_candidates(run)[7] == "wrong rejection"

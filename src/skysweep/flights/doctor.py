@@ -19,7 +19,7 @@ import numpy as np
 
 import skysweep
 from skysweep.caching import cache_folder, first_writable
-from skysweep.errors import MissingExtraError, UserError
+from skysweep.errors import MissingExtraError, UserError, install_command, is_clone
 from skysweep.vehicles.px4.serial_ports import serial_ports
 
 PX4_PORT = 14540  # of UDP, which PX4's simulators send to
@@ -28,7 +28,6 @@ _FOR_DEVELOPERS = ("dev", "docs")  # extras
 _SOFTWARE_GL = ("llvmpipe", "softpipe", "swrast", "software")  # in the names of devices
 _FREE_GB, _LEAST_FREE_GB = 2.0, 0.1  # on the disk, for comfort and for a mission
 _MEMORY_GB = 2.0
-_CLONE = Path(skysweep.__file__).parents[2]
 _PAGE = Path(skysweep.__file__).parent / "web" / "static" / "index.html"
 _GL_PACKAGES = "apt-get install libegl1 libgl1 libgl1-mesa-dri"
 
@@ -73,7 +72,9 @@ def cameras() -> Iterator[Finding]:
     if has_embree:
         yield Finding("Embree", True, "installed; renders where OpenGL does not work")
     else:
-        yield Finding("Embree", None, "not installed; needed only where OpenGL does not work", mend("embree"))
+        yield Finding(
+            "Embree", None, "not installed; needed only where OpenGL does not work", install_command("embree")
+        )
 
 
 def detector() -> Iterator[Finding]:
@@ -102,7 +103,7 @@ def ros() -> Iterator[Finding]:
     try:
         where = Path(load_rclpy().__file__).parent
     except MissingExtraError:
-        yield Finding("ROS 2", None, "not installed", mend("ros"))
+        yield Finding("ROS 2", None, "not installed", install_command("ros"))
     except UserError as error:
         yield Finding("ROS 2", None, str(error))
     else:
@@ -117,7 +118,7 @@ def gazebo() -> Iterator[Finding]:
     try:
         yield Finding("Gazebo Classic", True, f"in {find_install().root}")
     except UserError as error:
-        yield Finding("Gazebo Classic", None, str(error), "sudo tools/gazebo-root" if _is_clone() else None)
+        yield Finding("Gazebo Classic", None, str(error), "sudo tools/gazebo-root" if is_clone() else None)
     program = shutil.which("gz")
     try:
         bindings = find_node().__module__
@@ -160,7 +161,7 @@ def extras() -> Iterator[Finding]:
         names = [re.split(r"[^\w.-]", need, maxsplit=1)[0] for need in wanted]
         missing = [name for name in names if not _is_installed(name)]
         if missing:
-            yield Finding(f"extra {extra}", None, f"lacks {', '.join(missing)}", mend(extra))
+            yield Finding(f"extra {extra}", None, f"lacks {', '.join(missing)}", install_command(extra))
         else:
             yield Finding(f"extra {extra}", True, ", ".join(names))
 
@@ -170,8 +171,7 @@ def live_page() -> Iterator[Finding]:
     if _PAGE.is_file():
         yield Finding("live page", True, str(_PAGE.parent))
     else:
-        build = "cd src/skysweep/web/front && npm ci && npm run build" if _is_clone() else None
-        yield Finding("live page", None, "not built", build)
+        yield Finding("live page", None, "not built", "tools/setup.sh web" if is_clone() else None)
 
 
 def machine() -> Iterator[Finding]:
@@ -210,15 +210,6 @@ def examine(name: str) -> list[Finding]:
     except Exception as error:
         said = " ".join(f"{error}".split()) or type(error).__name__
         return [Finding(name, False if name in _NEEDED else None, f"fails: {said}")]
-
-
-def mend(extra: str) -> str:
-    """The command that installs an extra here."""
-    return f"tools/setup.sh {extra}" if _is_clone() else f"pip install 'skysweep[{extra}]'"
-
-
-def _is_clone() -> bool:
-    return (_CLONE / "tools" / "setup.sh").is_file()
 
 
 def _is_installed(distribution: str) -> bool:

@@ -50,7 +50,7 @@ def rehearse(scenario: Scenario, rig: Rig) -> Check:
             answers, rate_hz = _answers(mission)
         except Exception as error:
             return Check("detector", False, f"camera or detector fails: {error}")
-    if not answers:
+    if rate_hz == 0.0:
         return Check("detector", False, "does not answer; look after the camera, or take a smaller model")
     doubted = [a.doubt.why for a in answers if a.doubt is not None and a.doubt.why in OF_ITSELF]
     if doubted:
@@ -67,7 +67,7 @@ def rehearse(scenario: Scenario, rig: Rig) -> Check:
 
 
 def _answers(mission: Mission) -> tuple[list[Detections], float]:
-    """The first answer, which takes longer, and those of the following ``_MEASURED_S``; their rate.
+    """The first answer, which takes longer, and those of the following ``_MEASURED_S``; the rate of these.
 
     The rate is by the vehicle's clock: on a busy computer the ticks take longer than they should.
     """

@@ -76,7 +76,7 @@ class Announcer:
         if target.probability is not None:
             words += f", {probability_words(target)}"
         if target.confidence is not None:
-            words += f", confidence {target.confidence:.2f}"
+            words += f", confidence up to {target.confidence:.2f}"
         words += f", {clock(float(record['t']))} after take-off"
         picture = self._picture_of(target.candidate)
         return words if picture is None else f"{words}, picture {picture}"

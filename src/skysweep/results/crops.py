@@ -16,9 +16,10 @@ _LEAST_SHARE = 0.1  # of the picture's width, on each side of the box's middle
 
 
 def picture_of(run: Run, candidate: int) -> Path | None:
-    """The picture that the run folder keeps of a candidate."""
-    named = ((told_by_name(path), path) for path in run.pictures)
-    return next((path for told, path in named if told is not None and told[0] == candidate), None)
+    """The newest picture that the run folder keeps of a candidate."""
+    named = ((told, path) for path in run.pictures if (told := told_by_name(path)) is not None)
+    times_s = {path: time_s for (of, time_s), path in named if of == candidate}
+    return max(times_s, key=times_s.__getitem__, default=None)
 
 
 def crop_of(run: Run, candidate: int) -> bytes | None:

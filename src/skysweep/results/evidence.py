@@ -1,4 +1,4 @@
-"""The pictures that a mission kept as evidence, one per candidate, with their captions."""
+"""The pictures that a mission kept as evidence, the newest of each candidate, with their captions."""
 
 from __future__ import annotations
 

@@ -113,7 +113,7 @@ def _run_lead(run: Run, s: Summary) -> str:
     if s["n_checked"]:
         decided = counted(s["n_checked"], "verdict")
         if run.has_truth:
-            text += f", {s['false_scans']} of {decided} on no target"
+            text += f", {s['false_scans']} of {decided} on something else"
         else:
             text += f", {s['n_checked'] - s['n_confirmed']} of {decided} against a target"
     if s["wrong_rejections"]:
@@ -176,6 +176,7 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
     decided: dict[float, list[Any]] = {}  # not during a check of theirs
     left: dict[tuple[float, str], list[Any]] = {}  # by the reason
     outside: list[Any] = []
+    finished = {run.since_start(record) for record in run.events(EventKind.FINISHED)}
     for record in run.records:
         kind, time_s = record["kind"], run.since_start(record)
         if kind == EventKind.CHECK_STARTED:
@@ -200,7 +201,8 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
             else:
                 check.append(record)
         elif kind in (EventKind.SCAN_RESUMED, EventKind.FINISHED, "end") and check is not None:
-            back = f" Back to the search at {clock(time_s)}." if kind == EventKind.SCAN_RESUMED else ""
+            goes_on = kind == EventKind.SCAN_RESUMED and time_s not in finished
+            back = f" Back to the search at {clock(time_s)}." if goes_on else ""
             started_s, text = _check_step(run, check, names)
             steps.append((started_s, f"{text}{back}"))
             check = None
@@ -371,7 +373,7 @@ def _place(target: FoundTarget) -> tuple[str, str]:
 def _seen(run: Run, target: FoundTarget | None = None) -> list[str]:
     """How well a target was seen; the headers of these cells without one."""
     if target is None:
-        cells = ["Probability", "Confidence", "Seen from (m)"]
+        cells = ["Probability", "Best confidence", "Lowest height (m)"]
     else:
         cells = ["-" if target.probability is None else probability_of(target.probability)]
         cells += [_or_dash(target.confidence, "{:.2f}"), _or_dash(target.seen_from_m, "{:.0f}")]

@@ -178,8 +178,8 @@ class Feed:
             self._film += sorted((p.stem for p in film.glob("*.jpg") if p.stem not in known), key=_number)
         if (changed := _changed(pictures)) != self._pictures_time_ns:
             self._pictures_time_ns = changed
-            named = [(told_by_name(p), p.name) for p in sorted(pictures.glob("*.jpg"))]
-            self._pictures = {str(told[0]): name for told, name in named if told is not None}
+            told = [(told, p.name) for p in pictures.glob("*.jpg") if (told := told_by_name(p)) is not None]
+            self._pictures = {str(of): name for (of, _), name in sorted(told, key=lambda each: each[0])}
 
     @property
     def status(self) -> Status:

@@ -145,5 +145,5 @@ def test_what_cannot_be_written_is_refused_before_a_frame_is_drawn(name, fps, wo
 
 def test_without_pyav_the_extra_is_named(tiny_run, tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "av", None)
-    with pytest.raises(MissingExtraError, match=r"skysweep\[video\]"):
+    with pytest.raises(MissingExtraError, match=r"install it with  tools/setup\.sh video"):
         write_video(tiny_run, tmp_path / "v.mp4")

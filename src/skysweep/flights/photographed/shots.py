@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+from scipy.spatial import cKDTree
 
 from skysweep.arrays import U8
 from skysweep.detection.photos.exif import size_px_of, taken_of
@@ -20,6 +21,8 @@ from skysweep.geometry.camera import CameraPose, Lens
 
 _STEP_S = 1.0  # between pictures without a clock
 _LEAST_STEP_S = 0.1  # between two pictures: their names tell tenths of a second
+_FAR_KM = 20.0  # from most others: no picture of the same flight
+_EARTH_KM = 6371.0  # its radius
 
 
 class Shot(NamedTuple):
@@ -68,8 +71,9 @@ def shots_of(
             problems.append(Problem(shot.name, missing))
         else:
             usable.append(filled)
-    usable, others = _of_one_size(usable)
-    problems += others
+    for keep_usual in (_of_one_size, _of_one_place):
+        usable, others = keep_usual(usable)
+        problems += others
     if not usable:
         first = f"{problems[0].name} {problems[0].why}" if problems else "there are none in it"
         raise UserError(f"{source}: no picture can be put on the map: {first}")
@@ -152,6 +156,24 @@ def _of_one_size(found: list[Shot]) -> tuple[list[Shot], list[Problem]]:
         if s.size_px != usual
     ]
     return [s for s in found if s.size_px == usual], others
+
+
+def _of_one_place(found: list[Shot]) -> tuple[list[Shot], list[Problem]]:
+    """Those around the place with most others: a folder may hold pictures of an earlier flight, too."""
+    if not found:
+        return [], []
+    lat, lon = np.radians([shot.taken.lat_lon_deg for shot in found]).T
+    places_km = _EARTH_KM * np.column_stack(
+        [np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)]
+    )
+    near = cKDTree(places_km).query_ball_point(places_km, _FAR_KM, return_length=True)
+    away_km = np.linalg.norm(places_km - places_km[int(np.argmax(near))], axis=1).tolist()
+    others = [
+        Problem(s.name, f"was taken {away:.0f} km away from most; look at it in a run of its own")
+        for s, away in zip(found, away_km, strict=True)
+        if away > _FAR_KM
+    ]
+    return [s for s, away in zip(found, away_km, strict=True) if away <= _FAR_KM], others
 
 
 def _in_time(found: list[Shot]) -> list[Shot]:
