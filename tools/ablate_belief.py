@@ -1,6 +1,6 @@
 """Belief without each of its ingredients in turn: the table in docs/belief.md.
 
-python tools/ablate_belief.py            # 100 seeds a family, without pictures: half an hour on two cores
+python tools/ablate_belief.py            # 100 seeds a family, without pictures: an hour on two cores
 python tools/ablate_belief.py 4          # 4 seeds
 """
 
@@ -20,6 +20,7 @@ import numpy as np
 from skysweep.experiments.sweep.spec import load_spec, scenarios_of
 from skysweep.flights.fly import fly_in_memory
 from skysweep.planning.routing import tour_from
+from skysweep.scenarios.model import Scenario
 from skysweep.strategies.belief import checks, hypotheses
 from skysweep.strategies.belief.candidates import Suspects
 from skysweep.strategies.belief.checks import Checks
@@ -86,10 +87,9 @@ ABLATIONS: dict[str, list[Callable[[], Any]]] = {
 }
 
 
-def fly(job: tuple[str, str, int]) -> tuple[float, float, float, float]:
+def fly(job: tuple[str, Scenario, int]) -> tuple[float, float, float, float]:
     """Mission time in s, recall, false positives, and time in s to half of the targets."""
-    ablation, name, seed = job
-    scenario = dict(scenarios_of(load_spec(SWEEP)))[name]
+    ablation, scenario, seed = job
     with ExitStack() as patched:
         for part in ABLATIONS[ablation]:
             patched.enter_context(part())
@@ -102,21 +102,21 @@ def fly(job: tuple[str, str, int]) -> tuple[float, float, float, float]:
 
 def main() -> None:
     n = int(sys.argv[1]) if len(sys.argv) > 1 else 100
-    seeds = range(FIRST_SEED, FIRST_SEED + n)
+    seeds, rows = range(FIRST_SEED, FIRST_SEED + n), dict(scenarios_of(load_spec(SWEEP)))
     print("| without | " + " | ".join(FAMILIES) + " |")
     print("|---|" + "---|" * len(FAMILIES))
     with ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn")) as pool:
 
         def flown(ablation: str, label: str, family: str) -> np.ndarray:
-            jobs = [(ablation, f"{family}-{label}", seed) for seed in seeds]
+            jobs = [(ablation, rows[f"{family}-{label}"], seed) for seed in seeds]
             return np.array(list(pool.map(fly, jobs, chunksize=4)))
 
         scan_s = {family: flown("nothing", "scan-only", family)[:, 0] for family in FAMILIES}
         for ablation in ABLATIONS:
             cells = []
             for family in FAMILIES:
-                rows = flown(ablation, "belief", family)
-                time_s, recall, false_positives, half_s = rows.mean(axis=0)
+                means = flown(ablation, "belief", family).mean(axis=0)
+                time_s, recall, false_positives, half_s = means
                 above_s = time_s - scan_s[family].mean()
                 cells.append(f"{above_s:.0f} s, {recall:.3f}, {false_positives:.2f}, {half_s:.0f} s")
             print(f"| {ablation} | " + " | ".join(cells) + " |", flush=True)

@@ -10,10 +10,12 @@ out as they are kept, all are written with the keys of today.
 
 from __future__ import annotations
 
+import math
 import shutil
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from skysweep.experiments.calibration.tiers import validated_rows
 from skysweep.experiments.matrix import Matrix, MissionJob
@@ -43,13 +45,23 @@ def rekeyed(summaries: list[Summary], out: Path, again: int, anew: tuple[str, ..
     ]
     for job, summary in found[:: -(-len(found) // again)] if again else ():
         flown = fly_in_memory(job.scenario, job.seed, job.sensor)
-        other = [k for k, v in summary.items() if v is not None and v != flown.get(k) and k not in TIMINGS]
+        told = [(k, v) for k, v in summary.items() if v is not None and k not in TIMINGS]
+        other = [k for k, v in told if not _is_same(v, flown.get(k))]
         if other:
             raise ValueError(f"{job.label}, seed {job.seed}: flies otherwise now ({', '.join(other)})")
     found += run_jobs(_fly, flown_anew)
     store = MissionStore(Folder(out))
     store.append([row_of(job.label, job.config_hash, summary) for job, summary in found], matrix.table())
     store.finish_all()
+
+
+def _is_same(kept: Any, flown: Any) -> bool:
+    """Whether two results are equal; another processor rounds sums otherwise."""
+    if isinstance(kept, list) and isinstance(flown, list):
+        return len(kept) == len(flown) and all(map(_is_same, kept, flown))
+    if isinstance(kept, float) and isinstance(flown, float):
+        return math.isclose(kept, flown, rel_tol=1e-4)
+    return bool(kept == flown)
 
 
 def _fly(job: MissionJob) -> Summary:

@@ -77,7 +77,9 @@ install_package() {
     local stamp
     stamp=".venv/set-up-$(cat pyproject.toml tools/setup.sh - <<<"$PWD $*" | sha256sum | cut -c1-16)"
     [ -e "$stamp" ] && return
-    say "installing skysweep${*:+ with $*} (a few minutes the first time)"
+    local size="a few minutes"
+    ! $wants_train || size="3 GB, several minutes"
+    say "installing skysweep${*:+ with $*} ($size the first time)"
     pip_install --editable "$wanted"
     if $wants_train; then
         .venv/bin/python -c 'import torch' 2>/dev/null || pip_install "$TORCH"

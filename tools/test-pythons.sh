@@ -6,7 +6,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 QUICK=(tests/test_text.py tests/files tests/geometry tests/planning/test_coverage.py tests/scenarios tests/strategies/test_*.py
     tests/tracking tests/mission/test_loop.py)
-NEEDED_BY_TESTS=(hypothesis pytest pytest-xdist)
+NEEDED_BY_TESTS=(hypothesis pytest)
 
 say() { printf 'test-pythons: %s\n' "$*"; }
 
@@ -35,12 +35,21 @@ quick_tests() {
     [ -e "$environment/bin/python" ] || "$python" -m venv "$environment"
     say "installing skysweep for $("$environment/bin/python" --version)"
     "$environment/bin/python" -m pip install --quiet --disable-pip-version-check --editable '.[geo]' "${NEEDED_BY_TESTS[@]}" || return
-    OMP_NUM_THREADS=1 "$environment/bin/python" -m pytest -n 2 -m 'not slow and not exhaustive' "$@"
+    OMP_NUM_THREADS=1 "$environment/bin/python" -m pytest -m 'not slow and not exhaustive' "$@"
 }
 
 [ $# -gt 0 ] || set -- "${QUICK[@]}"
-passed=true
+logs=$(mktemp -d)
+trap 'rm -rf "$logs"' EXIT
+running=()
 for version in 3.10 3.13; do
-    [ "$version" = "$(version_of .venv/bin/python)" ] || quick_tests "$version" "$@" || passed=false
+    [ "$version" = "$(version_of .venv/bin/python)" ] && continue
+    quick_tests "$version" "$@" >"$logs/$version" 2>&1 & # one core each
+    running+=("$!")
 done
+passed=true
+for job in "${running[@]}"; do
+    wait "$job" || passed=false
+done
+cat "$logs"/*
 $passed

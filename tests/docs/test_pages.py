@@ -39,9 +39,9 @@ NOT_RUN = {
     "Runs until Ctrl-C": 2,
     "Set-up": 6,
     "Takes an hour": 4,
-    "Takes half an hour": 2,
-    "Takes hours": 3,
-    "Takes minutes": 6,
+    "Takes half an hour": 3,
+    "Takes hours": 4,
+    "Takes minutes": 5,
     "Takes minutes to hours": 1,
 }
 
