@@ -10,7 +10,7 @@ skysweep=.venv/bin/skysweep
 
 say() { printf '\n%s\n' "$*"; }
 
-compare() { "$skysweep" compare paper --sensor statistical --seeds 20 --out "$out" "$@"; }
+compare=("$skysweep" compare paper --sensor statistical --seeds 20 --out "$out")
 
 has_screen() { [ -n "${DISPLAY:-}${WAYLAND_DISPLAY:-}" ]; }
 
@@ -28,7 +28,7 @@ if has_screen; then tools/setup.sh web; else tools/setup.sh; fi
 say "Three missions with pictures, and 280 without beside them on the other core: 3 to 10 minutes on two cores."
 began=$SECONDS
 mkdir -p "$out"
-compare --workers 1 >"$out/compare.log" 2>&1 &
+"${compare[@]}" --workers 1 >"$out/compare.log" 2>&1 &
 beside=$!
 trap 'kill $beside 2>/dev/null || true' EXIT
 say "1 of 4: targets in two clusters (1 to 2 minutes)"
@@ -40,5 +40,5 @@ fly sparse inf
 say "4 of 4: the paper's tables, with scan-only and belief beside them"
 kill $beside 2>/dev/null || true # what it has flown stays; the rest is flown on both cores, where it can be watched
 wait $beside 2>/dev/null || true
-compare
+"${compare[@]}"
 say "Done in $((SECONDS - began)) s. Open the report in a browser:  $(realpath "$out")/report.html"

@@ -48,9 +48,9 @@ def candidates(job: tuple[Scenario, int, float]) -> list[tuple[str, float, bool]
         what = (
             "nothing" if away_m[k] > NEAR_M else "a target" if things[k][1].is_target else things[k][1].kind
         )
-        if what == "a target" and k in taken:
-            what = "a target once more"
-        taken.add(k)
+        if what == "a target":
+            what = "a target once more" if k in taken else what
+            taken.add(k)
         found.append((what, candidate.probability, candidate.verdict == "confirmed"))
     return found
 
@@ -70,6 +70,9 @@ def main() -> None:
             jobs = [(scenario, seed, known) for seed in range(FIRST_SEED, FIRST_SEED + n)]
             found = [one for mission in pool.map(candidates, jobs) for one in mission]
             confirmed = [(what, probability) for what, probability, is_confirmed in found if is_confirmed]
+            if not confirmed:
+                print(f"{name}, {n} seeds: nothing was confirmed")
+                continue
             right = sum(what == "a target" for what, _ in confirmed) / len(confirmed)
             said = sum(probability for _, probability in confirmed) / len(confirmed)
             print(f"{name}, {n} seeds: log loss {log_loss(found) / n:.2f} a mission;", end=" ")

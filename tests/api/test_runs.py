@@ -79,6 +79,15 @@ def test_written_or_not_it_is_the_same_mission(tmp_path, sensor):
     assert kept.folder == tmp_path / "run"
 
 
+def test_of_an_announced_picture_and_a_better_one_of_later_the_later_is_given(tmp_path):
+    ss.run(SMALL, sensor="statistical", out=tmp_path / "run")
+    (tmp_path / "run" / "pictures").mkdir()
+    for name in ("candidate-1-9.5s.jpg", "candidate-1-10.0s.jpg", "candidate-2-3.0s.jpg"):
+        (tmp_path / "run" / "pictures" / name).touch()
+    frames = ss.load_run(tmp_path / "run").frames
+    assert [(frame.candidate, frame.time_s) for frame in frames] == [(2, 3.0), (1, 10.0)]
+
+
 def test_pictures_stand_for_runs_and_plans_in_notebooks():
     run, plan = ss.run(SMALL, sensor="statistical"), ss.plan(SMALL)
     assert run._repr_png_().startswith(b"\x89PNG")

@@ -191,7 +191,8 @@ def test_what_lies_where_nobody_may_fly_is_left_out_and_said(tmp_path):
 
 def test_what_no_way_leads_to_draws_no_plan(tmp_path):
     """A no-fly strip from fence to fence, and as likely on either side: all of the budget is flown here."""
-    strip = "safety: {no_fly_enu_m: [[[200, -60], [240, -60], [240, 500], [200, 500]]]}\n"
+    fence = "geofence_enu_m: [[-20, -20], [460, -20], [460, 460], [-20, 460]]\n"
+    strip = fence + "safety: {no_fly_enu_m: [[[200, -60], [240, -60], [240, 500], [200, 500]]]}\n"
     (tmp_path / "split.yaml").write_text(SCENARIO + strip)
     row, column = np.mgrid[0:50, 0:50]
     here, there = (np.exp(-((row - 22) ** 2 + (column - c) ** 2) / 12.0) for c in (10, 35))
@@ -202,6 +203,22 @@ def test_what_no_way_leads_to_draws_no_plan(tmp_path):
         found.append(json.loads((tmp_path / "out" / "sortie.json").read_text()))
     assert found[1]["pos"] == pytest.approx(found[0]["pos"], abs=1e-6)
     assert found[0]["pos"] > 0.5
+
+
+@pytest.mark.parametrize("south_m", [-20, 20])
+def test_behind_a_strip_that_a_way_leads_round_counts_wherever_home_is(tmp_path, south_m):
+    """No fence is drawn. From within the area's bounding box the other side counted as unreachable."""
+    strip = "safety: {no_fly_enu_m: [[[-5, 195], [445, 195], [445, 205], [-5, 205]]]}\n"
+    scenario = SCENARIO.replace("home: {", f"home: {{position_enu_m: [200, {south_m}], ")
+    (tmp_path / "strip.yaml").write_text(scenario + strip)
+    said = plan("strip.yaml", *search())
+    assert said.exit_code == 0, said.output
+    assert "is left out" not in said.stderr
+
+
+def test_a_start_beyond_the_hills_that_are_known_is_refused(tmp_path):
+    (tmp_path / "hilly.yaml").write_text(SCENARIO + "terrain: {hills_height_m: 30}\n")
+    refused("--start 22.15,60.2025: leads up to 2", "hilly.yaml", *search("--start", "22.15,60.2025"))
 
 
 def test_a_width_from_beyond_the_calibration_is_called_a_guess():

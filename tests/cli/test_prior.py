@@ -279,10 +279,9 @@ def test_mistakes_are_told_in_one_sentence(tmp_path):
     flown = ("--searched", "flown.plan")
     for width in ("0", "nan", "inf", "-30"):
         refused(f"--sweep-width-m: is {width}", "after", "lost.npz", *flown, "--sweep-width-m", width)
-    for name in ("flown.plan", "again.plan"):
-        (tmp_path / name).write_text("{}")
+    (tmp_path / "flown.plan").write_text("{}")
     refused(
-        "again.plan: is the same flight as flown.plan; name each once",
-        "after", "lost.npz", *flown, "--searched", "again.plan", "--sweep-width-m", 30,
+        "flown.plan: is the same plan as flown.plan; name each once",
+        "after", "lost.npz", *flown, *flown, "--sweep-width-m", 30,
     )  # fmt: skip
     assert not (tmp_path / "after.npz").exists()

@@ -130,6 +130,17 @@ def test_a_mission_flown_again_leaves_its_pictures_alone(book):
         assert book.names() == ["candidate-7-5.0s.jpg"]
 
 
+def test_a_mission_flown_again_keeps_the_announced_picture_and_the_better_one_of_later(book):
+    cut, whole = (1.0, 4.0, 0.8, (0.0, 160.0, 30.0, 200.0)), (1.4, 4.0, 0.9)
+    for grey in (128, 0):
+        book.see(*cut, grey=grey)
+        book.write(1.0, "confirmed", candidate=7)
+        book.see(*whole, grey=grey)
+        book.forget()
+        assert book.names() == ["candidate-7-1.0s.jpg", "candidate-7-1.4s.jpg"]
+    assert book._announced[7].name == "candidate-7-1.0s.jpg"
+
+
 def test_a_flight_that_goes_on_keeps_a_better_picture_of_its_earlier_part(tmp_path):
     earlier = [{"t": 1.0, "kind": "sighting", "candidate": 7, "confidence": 0.9, "altitude_agl_m": 4.0}]
     eye = Eye(look(50.0, 4.0, (MIDDLE, 0.8)))

@@ -7,7 +7,7 @@ import pytest
 from skysweep.planning.assessment import assess
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.planning.flown_path import flown_path, hidden_from, mast_enu_m
-from skysweep.scenarios.model import Area, CameraModel, Light, Safety, Scenario, Terrain, VehicleLimits
+from skysweep.scenarios.model import Area, CameraModel, Home, Light, Safety, Scenario, Terrain, VehicleLimits
 from skysweep.worlds.world import build_terrain
 
 FLAT = np.zeros((2, 2))
@@ -119,7 +119,20 @@ def test_ground_that_falls_away_faster_than_the_vehicle_sinks_is_warned_of():
     cliff = np.repeat([[150.0] * 5 + [0.0] * 5], 6, axis=0)
     s = scenario(cliff, safety=Safety(altitude_max_agl_m=60.0)).with_search(transect_heading_deg=90.0)
     warnings = list(assess(plan_scenario(s)[0], s).warnings())
-    assert any("the ground falls faster than the vehicle sinks" in w for w in warnings)
+    (steep,) = (w for w in warnings if "the ground falls faster than the vehicle sinks" in w)
+    assert steep.startswith("search.scan_speed_mps: ")
+
+
+def test_where_only_the_way_home_is_too_high_its_speed_is_named():
+    cliff = np.repeat([[0.0] * 4 + [100.0] + [0.0] * 19], 6, axis=0)
+    s = scenario(
+        cliff,
+        home=Home(position_enu_m=(-400.0, 50.0)),
+        safety=Safety(altitude_max_agl_m=60.0),
+    )
+    judged = assess(plan_scenario(s)[0], s)
+    (steep,) = (w for w in judged.warnings() if "the ground falls faster" in w)
+    assert steep.startswith("vehicle.cruise_speed_mps: ")
 
 
 def test_the_sun_is_the_scenarios_or_that_of_the_moment():

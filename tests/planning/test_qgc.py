@@ -221,6 +221,23 @@ def test_a_ridge_on_the_way_out_and_home_is_followed():
     assert again.waypoints_xy_enu_m == pytest.approx(planned(s).waypoints_xy_enu_m, abs=0.05)
 
 
+def test_far_from_home_heights_above_the_sea_count_the_curve_of_the_earth():
+    """A plain at sea level lies 4.5 m below the home's horizon after 7.6 km; paths led that much lower."""
+    away_m = 7500.0
+    s = scenario(
+        area=Area(polygon_enu_m=((away_m, 0), (away_m + 300, 0), (away_m + 300, 120), (away_m, 120))),
+        terrain=Terrain(heightmap_m=(np.linspace(0.0, -1.0, 50)[None].repeat(2, axis=0)).tolist()),
+        home=Home(altitude_amsl_m=100.0),
+        geofence_enu_m=None,
+    )
+    survey = plan_for_qgc(s, planned(s)).surveys[0].TransectStyleComplexItem
+    places = np.array([item.params[4:] for item in survey.Items])
+    enu = s.frame.enu_from_geodetic(places + np.array([0.0, 0.0, s.frame.altitude_m - 100.0]))
+    agl_m = enu[:, 2] - build_terrain(s).height_m(enu[:, :2])
+    assert agl_m.min() > 30.0 - 0.05
+    assert places[:, 2].max() > 130.0 + 3.0
+
+
 def test_near_the_ceiling_the_path_keeps_closer_to_the_ground():
     low = scenario(terrain=Terrain(hills_height_m=40), home=Home(altitude_amsl_m=200))
     high = scenario(

@@ -142,6 +142,15 @@ def test_a_map_of_the_world_covers_every_area(tmp_path, crs, bounds, home):
     assert "hills between them are not known" in note
 
 
+@pytest.mark.parametrize("longitude_deg", [180.0, 179.9999, -179.9999])
+def test_a_crs_that_ends_within_the_area_is_refused(tmp_path, longitude_deg):
+    """Mercator at the 180th meridian, where the area fell apart into pieces half a world away."""
+    world = rasterio.Affine(4.0e7 / 720, 0.0, -2.0037e7, 0.0, -4.0e7 / 360, 2.0037e7)
+    dem = write(tmp_path / "w.tif", np.full((360, 720), 50.0), "EPSG:3857", world)
+    with pytest.raises(UserError, match=r"its CRS ends within the area.*another CRS"):
+        build_terrain(over((-16.75, longitude_deg), dem=dem))
+
+
 def test_half_a_world_away_is_that_far_away(tmp_path):
     rows, columns = 90, 360
     north = rasterio.Affine(1.0, 0.0, -180.0, 0.0, -1.0, 90.0)

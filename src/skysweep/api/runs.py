@@ -136,6 +136,7 @@ def load_run(folder: str | Path) -> Run:
 def _frames(told: run_folder.Run) -> tuple[KeptFrame, ...]:
     from skysweep.results.picture_files import told_by_name
 
-    named = [(told_by_name(path), path) for path in told.pictures]
-    frames = [KeptFrame(*name, path.read_bytes()) for name, path in named if name is not None]
+    named = sorted((name[1], name[0], path) for path in told.pictures if (name := told_by_name(path)))
+    newest = {candidate: (time_s, path) for time_s, candidate, path in named}
+    frames = [KeptFrame(k, time_s, path.read_bytes()) for k, (time_s, path) in newest.items()]
     return tuple(sorted(frames, key=lambda frame: (frame.time_s, frame.candidate)))

@@ -20,6 +20,7 @@ from skysweep.errors import UserError
 from skysweep.files.writing import whole_files
 from skysweep.geometry.frames import LocalFrame
 from skysweep.mission.fence import Fence
+from skysweep.planning.advice import beyond_ground
 from skysweep.planning.area_files import scenario_over
 from skysweep.planning.flight_plan import leg_time_s
 from skysweep.planning.prior.checks import positive
@@ -27,13 +28,14 @@ from skysweep.planning.prior.map_files import read_map, write_map
 from skysweep.planning.prior.maps import FARTHEST_M, ProbabilityMap
 from skysweep.planning.prior.picture import draw_sortie
 from skysweep.planning.prior.planned_sortie import PlannedSortie, plan_sortie
-from skysweep.planning.prior.ways_round import Way
 from skysweep.planning.qgc import plan_for_qgc, warnings_for_file, write_plan
 from skysweep.scenarios.files import change_scenario
 from skysweep.scenarios.model import Home, Scenario
 from skysweep.sensing.statistical.model import model_for
 from skysweep.sensing.statistical.sweep_width import sweep_width_m
 from skysweep.text import percent
+from skysweep.types import XY
+from skysweep.worlds.world import build_terrain
 
 _WORTH_SAYING = 0.05  # of the map, that lies outside the area
 _OPTIONS = {
@@ -70,14 +72,18 @@ def plan_with_prior(
     positive(options.sweep_width_m, "--sweep-width-m")
     cells = read_map(options.prior, None if scenario is None else scenario.frame)
     start = _start(options, scenario, cells.frame)
+    fence = None if scenario is None else _fence(options, scenario, start)
     with _fields_as_options(options.prior):
-        cells = _left_of(cells, options, scenario, start)
-    way = None if scenario is None else _way(options, scenario, start)
+        cells = _left_of(cells, options, scenario, None if fence is None else fence.reached_from(_xy(start)))
+    way = None if fence is None else fence.way
     with counting("paths") as count, _fields_as_options(options.prior):
         sortie = plan_sortie(
             cells, start, options.budget_m, options.sweep_width_m, options.uavs, options.seed, count, way
         )
     chosen = scenario or change_scenario(_scenario_of(options.prior, sortie), changes)
+    field = "safety.no_fly_enu_m" if options.start_lon_lat is None else f"--start {options.start_lon_lat}"
+    for unknown in beyond_ground(field, sortie.hull, build_terrain(chosen)):
+        raise UserError(unknown)  # a plan file would lead through hills there
     plans = [f"{chosen.name}-{k + 1}.plan" for k in range(options.uavs)]
     flown = None if scenario is None else scenario.search.plan
     written = [*plans, f"{chosen.name}.png", MAP_AFTER, REPORT]
@@ -128,16 +134,15 @@ def width_of_sensor(scenario: Scenario | None) -> float:
 
 
 def _left_of(
-    cells: ProbabilityMap, options: SearchOptions, scenario: Scenario | None, start: F64
+    cells: ProbabilityMap, options: SearchOptions, scenario: Scenario | None, free: shapely.Geometry | None
 ) -> ProbabilityMap:
-    """What is left of a map where a vehicle may fly from the start, after what was searched."""
+    """What is left of a map where a vehicle may fly (None: everywhere), after what was searched."""
     if scenario is not None:
         outside = 1.0 - cells.share_within(scenario.area_enu_m)
         cells = cells.within(scenario.area_enu_m)
         if outside > _WORTH_SAYING:
             left_out = percent(outside)
             warn(f"--prior {options.prior}: {left_out} of the map lies outside the area and is left out")
-        free = _free_from(scenario, start)
         if free is not None:
             closed = 1.0 - cells.share_within(free)
             if closed >= 1.0 - 1e-12:
@@ -157,32 +162,19 @@ def _left_of(
     return cells.after_coverage(coverage)
 
 
-def _free_from(scenario: Scenario, start: F64) -> shapely.Geometry | None:
-    """The part of that which can be reached from a start; all of it where the start is in none."""
-    free = _free_of(scenario)
-    parts = [] if free is None else [*shapely.get_parts(free)]
-    return next((part for part in parts if part.intersects(shapely.Point(start))), free)
-
-
-def _free_of(scenario: Scenario) -> shapely.Geometry | None:
-    """Where the scenario lets a vehicle fly; None where that is everywhere."""
-    rings, drawn = scenario.safety.no_fly_enu_m, scenario.geofence_enu_m
-    if not rings and drawn is None:
+def _fence(options: SearchOptions, scenario: Scenario, start: F64) -> Fence | None:
+    """The drawn geofence and no-fly areas; None where all ways are straight."""
+    fence = Fence(scenario, path_xy_enu_m=start[None])
+    if fence.is_straight:
         return None
-    inside = shapely.Polygon(drawn) if drawn is not None else scenario.area_enu_m.envelope
-    return shapely.difference(inside, shapely.union_all([shapely.Polygon(ring) for ring in rings]))
+    if not fence.allows(_xy(start)):
+        field = "home" if options.start_lon_lat is None else f"--start {options.start_lon_lat}"
+        raise UserError(f"{field}: lies in a no-fly area or outside the geofence; start elsewhere")
+    return fence
 
 
-def _way(options: SearchOptions, scenario: Scenario, start: F64) -> Way | None:
-    """Ways inside the drawn geofence and round no-fly areas; None where all of them are straight."""
-    if _free_of(scenario) is None:
-        return None
-    fence, begin = Fence(scenario, path_xy_enu_m=start[None]), (float(start[0]), float(start[1]))
-    if not fence.allows(begin):
-        raise UserError(
-            f"--start {options.start_lon_lat}: lies in a no-fly area or outside the geofence; start elsewhere"
-        )
-    return fence.way
+def _xy(place: F64) -> XY:
+    return float(place[0]), float(place[1])
 
 
 def _start(options: SearchOptions, scenario: Scenario | None, frame: LocalFrame) -> F64:

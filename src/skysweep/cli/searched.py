@@ -64,8 +64,11 @@ def coverage_of_searches(
 
 
 def _refuse_twice(searched: Sequence[Path]) -> None:
-    """Raises UserError if two plans are one."""
+    """Raises UserError if two plans are one file; a copy was flown once more."""
     known: dict[str, Path] = {}
-    for path in searched:
-        if path.is_file() and (other := known.setdefault(sha256_of(path), path)) is not path:
-            raise UserError(f"--searched {path}: is the same flight as {other}; name each once")
+    for path in (path for path in searched if path.is_file()):
+        if (other := known.setdefault(sha256_of(path), path)) is path:
+            continue
+        if path.samefile(other):
+            raise UserError(f"--searched {path}: is the same plan as {other}; name each once")
+        warn(f"--searched {path}: is a copy of {other}; both count, as if it was flown twice")

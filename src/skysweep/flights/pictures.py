@@ -69,7 +69,7 @@ class PictureBook:
     def write(self, time_s: float, kind: str, **fields: Any) -> None:
         self._journal.write(time_s, kind, **fields)
         if kind == EventKind.CONFIRMED:
-            self._announced[fields["candidate"]] = self.picture_of(fields["candidate"])
+            self._announced[fields["candidate"]] = self.picture_of(fields["candidate"], time_s)
         if self._sensor.last_look is None or kind not in ("sighting", EventKind.REJECTED):
             return
         frame, found = self._sensor.last_look
@@ -87,10 +87,14 @@ class PictureBook:
 
     def picture_of(self, candidate: int, until_s: float = np.inf) -> Path | None:
         """The newest picture of a candidate, up to a mission time; None if there is none."""
+        times_s = self._times_s(candidate, until_s)
+        return max(times_s, key=times_s.__getitem__, default=None)
+
+    def _times_s(self, candidate: int, until_s: float) -> dict[Path, float]:
+        """Of the pictures of a candidate, up to a mission time."""
         paths = self._folder.glob(f"candidate-{candidate}-*.jpg")
         times_s = {path: told[1] for path in paths if (told := told_by_name(path)) is not None}
-        known = (path for path, time_s in times_s.items() if time_s <= until_s + SAME_LOOK_S)
-        return max(known, key=times_s.__getitem__, default=None)
+        return {path: time_s for path, time_s in times_s.items() if time_s <= until_s + SAME_LOOK_S}
 
     def _is_better(
         self, candidate: int, confidence: float, altitude_agl_m: float, whole: bool, **_: Any
@@ -106,7 +110,10 @@ class PictureBook:
         return float(z - self._ground_at_m(x, y))
 
     def _save(self, candidate: int, frame: Frame, found: Detections, box: int | None) -> None:
-        """Frames of a mission flown again are empty: their pictures exist. A full disk costs the picture."""
+        """Frames of a mission flown again are empty: their pictures exist, as do better ones of later.
+
+        A full disk costs the picture.
+        """
         path = self._folder / picture_name(candidate, frame.time_s)
         with suppress(OSError):
             if frame.image.size:
@@ -117,7 +124,7 @@ class PictureBook:
                 write_picture(path, jpeg.tobytes())
             if path.exists():
                 kept = {path, self._announced.get(candidate)}
-                for worse in set(self._folder.glob(f"candidate-{candidate}-*.jpg")) - kept:
+                for worse in set(self._times_s(candidate, frame.time_s)) - kept:
                     worse.unlink()
 
 

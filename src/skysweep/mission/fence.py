@@ -65,6 +65,11 @@ class Fence:
         """Whether a place is inside."""
         return not self.exists or bool(shapely.intersects_xy(self._free, *xy))
 
+    def reached_from(self, xy: XY) -> shapely.Geometry:
+        """The part of the inside in which a place lies; nothing where it lies in none."""
+        parts = shapely.get_parts(self._free)
+        return shapely.union_all(parts[shapely.intersects_xy(parts, *xy)])
+
     def outside_m(self, xy: XY) -> float:
         """Distance of a place from the inside; 0 inside."""
         return 0.0 if self.allows(xy) else float(shapely.distance(self._free, shapely.Point(xy)))

@@ -27,6 +27,7 @@ from skysweep.worlds.land_cover import wanted_trees
 from skysweep.worlds.obstacles import known_obstacles
 from skysweep.worlds.weather import sine_of_declination
 from skysweep.worlds.world import (
+    TerrainSurface,
     build_terrain,
     classes_of,
     elevation_of,
@@ -160,20 +161,24 @@ def _about_way(scenario: Scenario) -> Iterator[str]:
             f"safety.no_fly_enu_m: the path leads {through_m:.0f} m through it; a mission flies round, and "
             "the ground there is not seen: leave it out of the area (area.holes_enu_m)"
         )
-    if terrain.is_flat:
-        return
     around = shapely.MultiPoint(path).convex_hull
     ways = [("search.plan", around)] + [
         ("safety.no_fly_enu_m", ring) for ring in kept_out if ring.intersects(around)
     ]
     for field, way in ways:
-        away_m = shapely.hausdorff_distance(way.union(known), known)
-        if away_m > _CROSSES_M:
-            yield (
-                f"{field}: leads up to {away_m:.0f} m beyond the ground that is known, which ends "
-                f"{MARGIN_M:g} m around area and home; there it is taken to be as high as its edge: keep the "
-                "way nearer, or enlarge the area"
-            )
+        yield from beyond_ground(field, way, terrain)
+
+
+def beyond_ground(field: str, way: shapely.Geometry, terrain: TerrainSurface) -> Iterator[str]:
+    """A sentence where a way over hills leads beyond the ground that is known."""
+    known = shapely.box(*terrain.bounds_enu_m)
+    away_m = 0.0 if terrain.is_flat else shapely.hausdorff_distance(way.union(known), known)
+    if away_m > _CROSSES_M:
+        yield (
+            f"{field}: leads up to {away_m:.0f} m beyond the ground that is known, which ends "
+            f"{MARGIN_M:g} m around area and home; there it is taken to be as high as its edge: keep the "
+            "way nearer, or enlarge the area"
+        )
 
 
 def localisation_std_m(scenario: Scenario, altitude_agl_m: float) -> float:

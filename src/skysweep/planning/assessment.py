@@ -57,11 +57,15 @@ class Assessment:
         above_m = max(self.scenario.safety.fence_tolerance_m - _FLIES_HIGHER_M, 0.0)
         if self.path.agl_m[highest] > ceiling_m + above_m:
             x, y = self.path.xy_enu_m[highest].tolist()
+            search = self.path.search
+            if search.start <= highest < search.stop:
+                field, cures = "search.scan_speed_mps", "lower, write another search.transect_heading_deg"
+            else:
+                field, cures = "vehicle.cruise_speed_mps", "lower, move home"
             yield (
-                f"search.scan_speed_mps: at [{x:.0f}, {y:.0f}] the ground falls faster than the vehicle "
-                f"sinks, and it is {self.path.agl_m[highest]:.0f} m above it, higher than "
-                f"safety.altitude_max_agl_m ({ceiling_m:g}), which ends the mission; fly slower or lower, "
-                "write another search.transect_heading_deg, or raise the ceiling"
+                f"{field}: at [{x:.0f}, {y:.0f}] the ground falls faster than the vehicle sinks, and it is "
+                f"{self.path.agl_m[highest]:.0f} m above it, higher than safety.altitude_max_agl_m "
+                f"({ceiling_m:g}), which ends the search; fly slower or {cures}, or raise the ceiling"
             )
         if self.scenario.camera.kind == "thermal":
             return

@@ -292,7 +292,8 @@ def plan_for_qgc(scenario: Scenario, plan: CoveragePlan, altitude_agl_m: float |
         ways = _over_ground(terrain, plan, home_xy[0], height, room_m)
         path, rises_m = ways.path[0], float(ways.out[1][0]) - home_ground
         flown, above_enu_m = (np.concatenate(parts)[1:] for parts in zip(*ways, strict=True))
-        heights = sea_level_m + above_enu_m
+        above_ellipsoid_m = frame.geodetic_from_enu(np.column_stack([flown, above_enu_m]))[:, 2]
+        heights = sea_level_m + above_ellipsoid_m - frame.altitude_m  # the earth curves away below the frame
 
     def command(number: int, *params: float | None, frame: int = _MISSION) -> dict[str, Any]:
         return {"command": number, "frame": frame, "params": [*params, *[0.0] * (7 - len(params))]}
@@ -355,11 +356,11 @@ def _highest_agl_m(scenario: Scenario, plan: QgcPlan) -> float:
     sea_level_m = plan.mission.plannedHomePosition[2] - home_ground
     (survey,), takeoff = plan.surveys, plan.mission.items[0]
     places = np.array([item.params[4:] for item in survey.TransectStyleComplexItem.Items], dtype=float)
-    xy = frame.enu_from_geodetic(np.column_stack([places[:, :2], np.full(len(places), frame.altitude_m)]))
-    heights_m = places[:, 2] - sea_level_m
+    places[:, 2] += frame.altitude_m - sea_level_m
+    xyz = frame.enu_from_geodetic(places)
     assert isinstance(takeoff, SimpleItem)
     rises_m = home_ground + (takeoff.params[6] or 0.0)
-    path, over = np.concatenate([home[None], xy[:, :2]]), np.append(rises_m, heights_m)
+    path, over = np.concatenate([home[None], xyz[:, :2]]), np.append(rises_m, xyz[:, 2])
     highest = -math.inf
     for (start, end), (low, high) in zip(pairwise(path), pairwise(over.tolist()), strict=True):
         along, ground_m = _needed(terrain, start, end, 0.0)

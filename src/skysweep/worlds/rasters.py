@@ -31,6 +31,7 @@ _NODE_M = 50.0  # between places that are projected; linear in between, which er
 _MOST_NODES = 400  # along one side
 _MAX_BLOCK_BYTES = 500_000_000  # of what has to be read at once
 _BORDER = 64  # points along one edge of four
+_TORN = 1e4  # steps along the border that are so much longer than most
 _SAMPLES, _SAMPLE_PX = 12, 64  # squares of a picture of 16 bits, in each direction, and their sides
 _DARK_BRIGHT = (1.0, 99.0)  # percentiles of the samples
 
@@ -117,9 +118,18 @@ class GeoTiff:
         return np.asarray(np.hypot(beyond[..., 0], beyond[..., 1]) * self.pixel_m)
 
     def covered(self, ground_enu_m: shapely.Polygon) -> shapely.Geometry:
-        """Which part of some ground it covers. Raises UserError where its CRS does not reach there."""
+        """Which part of some ground it covers.
+
+        Raises UserError where its CRS does not reach there, or tears it.
+        """
         raster = shapely.box(0.0, 0.0, *self.size_px)
         ground = shapely.transform(_with_nodes(ground_enu_m), self.pixels_at)
+        steps_px = np.linalg.norm(np.diff(shapely.get_coordinates(ground), axis=0), axis=1)
+        if steps_px.max() > _TORN * np.median(steps_px):
+            raise self.error(
+                "its CRS ends within the area, as Mercator's does at the 180th meridian; give a raster in "
+                "another CRS, such as WGS 84"
+            )
         if shapely.covers(raster, ground):
             return ground_enu_m
         shared = shapely.intersection(raster, ground)

@@ -46,10 +46,14 @@ def checked_poa(poa: ArrayLike, field: str = "poa") -> F64:
 
 def positive(value: float, field: str, unit: str = "metres") -> float:
     """The number. Raises UserError where it is none above 0."""
-    if not isinstance(value, Real) or not (math.isfinite(value) and value > 0.0):
+    try:
+        number = math.nan if isinstance(value, str) else float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not (math.isfinite(number) and number > 0.0):
         shown = f"{value:g}" if isinstance(value, Real) else f"{value!r:.60}"
         raise UserError(f"{field}: is {shown}; write {unit} above 0")
-    return float(value)
+    return number
 
 
 def place(xy_m: ArrayLike, field: str) -> F64:

@@ -119,7 +119,7 @@ def _numbers(arrays: dict[str, NDArray[Any]], name: str, count: int) -> list[flo
 
 def _read_csv(path: Path) -> Raster:
     try:
-        text = read_text_limited(path, MAX_MAP_BYTES).removeprefix("\ufeff")
+        text = read_text_limited(path, MAX_MAP_BYTES)
         lines = list(csv.reader(text.splitlines()))
     except csv.Error as error:  # a NUL on Python 3.10, a field without end
         raise UserError(f"is no CSV file ({error}); write one with the header lon,lat,poa") from None
