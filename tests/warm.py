@@ -6,6 +6,7 @@ A fresh process imports for four seconds what a command needs; some hundred test
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import os
 import signal
 import sys
@@ -19,7 +20,10 @@ from pathlib import Path
 from subprocess import CompletedProcess
 from typing import Any, NamedTuple
 
+from skysweep.experiments.workers import _start_worker
+
 FAILED = 70  # exit code after an exception
+_PR_SET_PDEATHSIG = 1  # of prctl, linux/prctl.h
 
 
 class Ended(NamedTuple):
@@ -36,13 +40,25 @@ def run_skysweep(*words: Any, cwd: Path | str = ".", timeout_s: int = 300) -> Co
     """Run a command as a shell would: its exit code and what it wrote."""
     arguments = [str(word) for word in words]
     call = forked, arguments, os.path.abspath(cwd), dict(os.environ), timeout_s
-    ended = _parent().submit(*call).result()
+    parent = _parent()
+    try:
+        ended = parent.submit(*call).result()
+    except BaseException:  # Ctrl-C, or it was killed: the next command gets another
+        for process in [*(parent._processes or {}).values()]:
+            process.kill()
+        _parent.cache_clear()
+        raise
     return CompletedProcess(["skysweep", *arguments], ended.code, ended.output, ended.errors)
 
 
 @cache
 def _parent() -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(1, get_context("spawn"), import_all)
+    return ProcessPoolExecutor(1, get_context("spawn"), _start)
+
+
+def _start() -> None:
+    _start_worker()
+    import_all()
 
 
 def import_all() -> None:
@@ -68,11 +84,16 @@ def forked(
     timeout_s: int,
     limit: Callable[[], None] = lambda: None,
 ) -> Ended:
-    """Run a command in a fork of this process, which has no threads, after it has limited itself."""
+    """Run a command in a fork of this process, after it has limited itself; it ends with this process.
+
+    Whatever threads this process has sleep: none holds a lock that the fork may need.
+    """
     with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as errors:
         child = os.fork()
         if child == 0:
             with contextlib.suppress(BaseException):
+                ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+                signal.signal(signal.SIGINT, signal.default_int_handler)
                 os.setsid()
                 os.chdir(folder)
                 os.environ.clear()

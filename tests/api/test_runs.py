@@ -5,12 +5,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import cv2
 import numpy as np
 import polars as pl
 import pytest
 
 import skysweep as ss
 from skysweep.api.runs import KeptFrame
+from skysweep.results.picture_files import write_picture
 
 OWN = """
 import skysweep as ss
@@ -83,7 +85,8 @@ def test_of_an_announced_picture_and_a_better_one_of_later_the_later_is_given(tm
     ss.run(SMALL, sensor="statistical", out=tmp_path / "run")
     (tmp_path / "run" / "pictures").mkdir()
     for name in ("candidate-1-9.5s.jpg", "candidate-1-10.0s.jpg", "candidate-2-3.0s.jpg"):
-        (tmp_path / "run" / "pictures" / name).touch()
+        _, jpeg = cv2.imencode(".jpg", np.zeros((36, 64, 3), np.uint8))
+        write_picture(tmp_path / "run" / "pictures" / name, jpeg.tobytes())
     frames = ss.load_run(tmp_path / "run").frames
     assert [(frame.candidate, frame.time_s) for frame in frames] == [(2, 3.0), (1, 10.0)]
 

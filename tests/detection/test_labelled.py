@@ -232,6 +232,14 @@ def test_outlines_are_the_boxes_around_them(tmp_path):
     np.testing.assert_allclose(image.boxes_xyxy, [[0.1, 0.2, 0.3, 0.5], [0.5, 0.5, 0.6, 0.7]])
 
 
+def test_key_points_are_no_outlines(tmp_path):
+    yolo(tmp_path, "0 0.5 0.5 0.2 0.1 0.45 0.48 0.55 0.48 0.45 0.52 0.55 0.52\n")
+    with (tmp_path / "data.yaml").open("a") as described:
+        described.write("\nkpt_shape: [4, 2]\n")
+    with pytest.raises(UserError, match=r"data\.yaml: the labels hold key points \(kpt_shape\)"):
+        read_dataset(tmp_path)
+
+
 def test_a_crowd_is_of_its_class(tmp_path):
     picture(tmp_path / "a.png")
     (tmp_path / "annotations.json").write_text(json.dumps(coco()))

@@ -32,7 +32,8 @@ from test_yolo_outputs import (
 
 from skysweep.detection.coco import COCO_80, COCO_91
 from skysweep.detection.grid_layouts import _YOLO3, _YOLO3_TINY, _YOLO4, _YOLO4_SCALE_XY, _YOLO4_TINY
-from skysweep.detection.layouts import cell_centres
+from skysweep.detection.layouts import Unclear, cell_centres
+from skysweep.detection.listed_layouts import _RowDecoder
 from skysweep.detection.model_trial import vouch_for
 from skysweep.detection.yolo import YoloDetector
 from skysweep.errors import UserError
@@ -692,6 +693,28 @@ def test_pixel_boxes_may_be_insisted_on(tmp_path):
     path = model(tmp_path, final(0.2, 0.2, 1.9, 1.9, CONFIDENCE, CLASS))
     found = YoloDetector(path, boxes="pixels").detect(frame())
     np.testing.assert_allclose(found.boxes_xyxy_px, [[0.2, 0.2, 1.9, 1.9]], atol=1e-5)
+
+
+def test_pixels_that_were_called_normalised_are_noticed_in_the_first_picture(tmp_path):
+    """The blank picture shows none, and all of them fell outside of every picture: nothing was found."""
+    path = rows_of({90: [(*BOX, CONFIDENCE, CLASS)]}, tmp_path / "m.onnx")
+    detector = YoloDetector(path, pixels="0..1", boxes="normalised")
+    with pytest.raises(UserError, match=r"answers boxes that are pixels; leave out detector\.boxes"):
+        detector.detect(shown(90))
+
+
+def test_padding_does_not_tell_the_unit(tmp_path):
+    rows = np.full((1, 100, 6), -1.0, np.float32)
+    rows[0, :25, :4] = np.arange(25)[:, None] + array(*BOX)
+    rows[0, :25, 4:] = CONFIDENCE, CLASS
+    found = YoloDetector(model(tmp_path, {"output0": rows})).detect(frame())
+    np.testing.assert_allclose(found.boxes_xyxy_px[:1], [BOX], atol=25.0)
+
+
+def test_seven_columns_that_fit_several_orders_are_not_taken_for_one():
+    rows = {"rows": array((0, *BOX, 1, 1))}
+    with pytest.raises(Unclear, match="seven columns"):
+        _RowDecoder("rows", None, may_be_usual=False)(rows, (SIDE, SIDE))
 
 
 def test_boxes_built_from_grids_have_no_unit_to_set(tmp_path):

@@ -11,10 +11,12 @@ from onnx import TensorProto, helper, numpy_helper
 
 from skysweep.detection.model_files import sha256_of
 from skysweep.detection.network import letterbox
-from skysweep.detection.tiling import cut_copies, tiles_px
+from skysweep.detection.tiling import cut_copies, fitting_scale, tiles_px
 from skysweep.detection.yolo import YoloDetector
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens
+from skysweep.scenarios.model import DetectorModel
+from skysweep.sensing.statistical.view import _input_scale
 from skysweep.types import Frame
 
 
@@ -293,6 +295,8 @@ def test_sides_are_multiples_of_64_where_a_model_needs_that(tmp_path):
     detector = YoloDetector(coarse(tmp_path / "p6.onnx"))
     assert detector.network.input_hw_for((720, 1280)) == (768, 1280)
     assert len(detector.detect(frame(grey(720, 1280))).class_names) == 1
+    seen = _input_scale(DetectorModel(model=str(tmp_path / "p6.onnx")), (800, 600), 1)
+    assert seen == fitting_scale((600, 800), (640, 832)), "the statistical sensor knows it, too"
 
 
 def test_pictures_of_one_channel_are_refused(tmp_path):

@@ -68,7 +68,7 @@ def test_a_world_gives_the_same_looks_again(layout):
     assert (looks.blur_px <= BLUR_MAX * looks.pixels).all()
     assert len(background.hectares) == 4
     assert (background.hectares > 0).all()
-    assert {*looks.picture.tolist()} <= set(range(8))
+    assert {*looks.picture.tolist()} <= set(range(4))
     found = looks.confidences > 0
     assert (looks.confidences[found] >= CONFIDENCE_FLOOR).all()
     np.testing.assert_array_equal(np.isfinite(looks.offsets_px).all(axis=2), found)

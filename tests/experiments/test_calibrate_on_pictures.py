@@ -112,6 +112,27 @@ def test_whom_it_hardly_ever_finds_it_hardly_ever_finds_in_missions(tmp_path, mo
     assert kinds_of(model, "boat") == kinds_of(rendered, "boat")
 
 
+def test_what_it_never_finds_among_a_thousand_labels_is_written_so_that_it_loads(tmp_path, monkeypatch):
+    """Lapses were rounded to 1, which no sensor model may have."""
+    data = pictures(tmp_path, monkeypatch, n=200)
+    monkeypatch.setattr(Known, "answers", dict.fromkeys(range(200), ()))
+    calibrate_on_pictures(OURS, data, StatisticalModel.load(), tmp_path / "blind.yaml")
+    model = StatisticalModel.load(tmp_path / "blind.yaml")
+    assert max(max(kind.lapse_among) for kind in kinds_of(model, "person")) == 0.9999
+
+
+def test_a_class_that_the_rendered_fit_does_not_know_is_not_measured(tmp_path, monkeypatch):
+    rendered, data = StatisticalModel.load(), pictures(tmp_path, monkeypatch)
+    no_boats = rendered.model_copy(update={"kinds": [k for k in rendered.kinds if k.kind != "boat"]})
+    boats = replace(
+        data,
+        class_names=("boat",),
+        images=tuple(replace(image, class_names=("boat",) * 6) for image in data.images),
+    )
+    with pytest.raises(UserError, match="of no class were 10 labels"):
+        calibrate_on_pictures(OURS, boats, no_boats, tmp_path / "r.yaml")
+
+
 def test_false_reports_of_what_is_not_labelled_are_the_rendered_ones(tmp_path, monkeypatch):
     """They may be right: only persons are labelled. And where none was seen the rate does not rise."""
     rendered = StatisticalModel.load()

@@ -71,10 +71,18 @@ def test_what_goes_wrong_in_a_job_is_told():
 
 
 def test_what_goes_wrong_ends_no_process_of_the_caller():
-    of_the_caller = multiprocessing.get_context("spawn").Process(target=time.sleep, args=(60,))
-    of_the_caller.start()
+    """Neither those from before, nor those that it starts meanwhile."""
+    before, meanwhile = (
+        multiprocessing.get_context("spawn").Process(target=time.sleep, args=(60,)) for _ in range(2)
+    )
+    before.start()
+    results = run_jobs(refuse_seven, range(20), 2)
+    next(results)
+    meanwhile.start()
     with pytest.raises(ValueError, match="seven"):
-        list(run_jobs(refuse_seven, range(20), 2))
-    of_the_caller.join(1)
-    assert of_the_caller.is_alive()
-    of_the_caller.kill()
+        list(results)
+    before.join(1)
+    assert before.is_alive()
+    assert meanwhile.is_alive()
+    before.kill()
+    meanwhile.kill()

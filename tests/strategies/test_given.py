@@ -6,7 +6,7 @@ from functools import partial
 
 import pytest
 from contexts import context_of, observed
-from pydantic import BaseModel, field_validator
+from pydantic import BaseModel, field_validator, model_validator
 
 from skysweep.errors import UserError
 from skysweep.scenarios.files import load_scenario
@@ -236,6 +236,23 @@ def test_a_parameter_written_at_its_default_makes_no_other_search():
     assert belief.told_of(Search(strategy="belief", parameters=both)) == {"missed_cost_s": 400}
 
 
+class Preset(BaseModel):
+    preset: str = "slow"
+    pause_s: float = 2.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def as_preset(cls, told):
+        return {"pause_s": 0.5} | told if told.get("preset") == "fast" else told
+
+
+def test_a_default_that_another_parameter_changes_is_told():
+    spec = named("Parameters", Preset)
+    both = {"preset": "fast", "pause_s": 2.0}
+    assert spec.told_of(Search(parameters=both)) == both
+    assert spec.told_of(Search(parameters={"preset": "fast"})) == {"preset": "fast"}
+
+
 def test_parameters_that_are_none_of_a_plain_model_are_refused():
     spec = named("Parameters", Plain)
     assert spec.parameters_of(Search(parameters={"share": 0.25})).share == 0.25
@@ -302,6 +319,35 @@ def test_what_a_package_passes_on_is_code_of_its_own(write, tmp_path):
             fingerprint_of(name)
         importlib.reload(sys.modules[where.replace("/", ".")])
         assert fingerprint_of(name) != before
+
+
+@pytest.mark.parametrize(
+    "passed_on",
+    [
+        "class Own(theirs.Own):\n    pass\n",
+        "from functools import partial\nOwn = partial(theirs.Own)\n",
+        "from skysweep.strategies.given import spec_of\nOwn = spec_of(theirs.Own)\n",
+    ],
+    ids=["a base", "a partial", "a spec"],
+)
+def test_what_a_strategy_is_made_of_elsewhere_is_its_code(write, tmp_path, passed_on):
+    write("theirs_12", GOOD)
+    write("theirs_13", f"import theirs_12 as theirs\n{passed_on}")
+    try:
+        strategy_spec("theirs_13:Own")
+        files = {path.name for path in code_of("theirs_13:Own")[0]}
+        assert files >= {"theirs_13.py"} | ({"theirs_12.py"} if "spec" not in passed_on else set())
+    finally:
+        for module in ("theirs_12", "theirs_13"):
+            sys.modules.pop(module, None)
+
+
+def test_of_a_plain_folder_only_what_is_imported_is_its_code(write, tmp_path):
+    (tmp_path / "theirs_14").mkdir()
+    write("theirs_14/mine", GOOD)
+    write("theirs_14/plots", "")
+    strategy_spec("theirs_14.mine:Own")
+    assert [path.name for path in code_of("theirs_14.mine:Own")[0]] == ["mine.py"]
 
 
 def test_what_is_passed_on_from_skysweep_is_no_code_of_theirs(write, tmp_path):

@@ -116,8 +116,9 @@ def unit_of(found: Boxes, usual: BoxUnit, told: BoxUnit | None = None) -> BoxUni
     real = found.xyxy_px[np.any(found.xyxy_px != 0, axis=1) & np.isfinite(found.xyxy_px).all(axis=1)]
     if len(real) == 0:
         return told
+    real = np.unique(real, axis=0)  # lists may be padded with one box
     reach = np.abs(real).max(axis=1)
-    are_many = len(np.unique(real, axis=0)) >= _MANY
+    are_many = len(real) >= _MANY
     are_pixels = (np.median(reach) if are_many else reach.max()) > NORMALISED_MAX
     shown: BoxUnit = "pixels" if are_pixels else "normalised"
     if are_many and told not in (None, shown):

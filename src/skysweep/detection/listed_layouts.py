@@ -225,13 +225,14 @@ class _RowDecoder:
     def __call__(self, outputs: Outputs, _: Size) -> Boxes:
         rows = _objects(outputs[self._name])
         self._order = self._order or _order_of(rows)
-        if self._order == _USUAL and not self._may_be_usual:
+        order = self._order or _USUAL
+        if len(rows) and order == _USUAL and not self._may_be_usual:
             raise Unclear(
                 "answers rows of seven columns that end with score and class, as YOLO-NAS does with x first "
                 "and EfficientDet with y; name the file as in my-yolo-nas.onnx if it is the former, else "
                 "export it without NMS"
             )
-        box, score, label = _ORDERS[self._order or _USUAL]
+        box, score, label = _ORDERS[order]
         return Boxes(rows[:, box], rows[:, score], whole(rows[:, label]))
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from skysweep.arrays import F32, U8
 from skysweep.detection.coco import default_names
 from skysweep.detection.layouts import (
+    NORMALISED_MAX,
     Boxes,
     BoxUnit,
     OutputLayout,
@@ -39,6 +40,7 @@ PAD_GREY = 114
 PROBE_SIZE = (640, 640)
 PICTURE_S = 60.0  # of wall time, for one picture
 _MAX_NAMES_BYTES = 1_000_000
+_SURE = 0.25  # confidence of a box that has to lie in the picture
 _SILENT = 4  # what fails is said in one sentence
 _MISSHAPEN = (ArithmeticError, LookupError, ValueError)  # of outputs that are not those of a layout
 _NUMPY_TYPE = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
@@ -70,7 +72,7 @@ class Network:
             )
         sides = (rows, columns) if self.channels_last else (columns, last)
         self.fixed_hw: FixedSides = _fixed(sides[0]), _fixed(sides[1])
-        self._stride = STRIDE if self._takes_odd_strides() else 2 * STRIDE
+        self.stride = STRIDE if self._takes_odd_strides() else 2 * STRIDE
         input_hw = self.input_hw_for(PROBE_SIZE)
         outputs = self._run(np.full((*input_hw, 3), PAD_GREY, dtype=np.uint8), PixelFormat())
         self.layout = self._recognise(outputs, input_hw)
@@ -84,13 +86,18 @@ class Network:
 
     def input_hw_for(self, picture_hw: tuple[int, int]) -> tuple[int, int]:
         """The input's (height, width) for pictures of this size, as ``tiling.input_hw_for``."""
-        return input_hw_for(self.fixed_hw, picture_hw, self._stride)
+        return input_hw_for(self.fixed_hw, picture_hw, self.stride)
 
     def __call__(self, canvas: U8) -> Boxes:
         """Boxes in the canvas' pixels. Raises UserError if the model fails on this picture."""
         input_hw = canvas.shape[:2]
         found = self._decode(self._run(canvas, self.pixels), input_hw)
         if (self.boxes or self._unit(found)) == "normalised":
+            if np.any(found.xyxy_px[found.scores >= _SURE] > NORMALISED_MAX):
+                raise UserError(
+                    f"{self._path}: the model answers boxes that are pixels; leave out detector.boxes, or "
+                    "write pixels"
+                )
             found = replace(found, xyxy_px=found.xyxy_px * size_px(input_hw))
         return found
 

@@ -32,7 +32,6 @@ def run_jobs(
     context = multiprocessing.get_context("spawn")
     waiting = iter(jobs)
     running: dict[Future[Result], Job] = {}
-    others = multiprocessing.active_children()
     with ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker) as pool:
         try:
             while True:
@@ -43,10 +42,10 @@ def run_jobs(
                 for future in wait(running, _BREATH_S, FIRST_COMPLETED).done:
                     yield running.pop(future), future.result()
         except BaseException:
+            own = [*(pool._processes or {}).values()]  # its shutdown forgets them
             pool.shutdown(wait=False, cancel_futures=True)
-            for process in multiprocessing.active_children():
-                if process not in others:
-                    process.terminate()
+            for process in own:
+                process.terminate()
             raise
 
 

@@ -15,7 +15,7 @@ from skysweep.errors import UserError
 from skysweep.strategies.baselines import SingleAltitude
 from skysweep.strategies.belief.parameters import BeliefParameters
 from skysweep.strategies.belief.search import BeliefSearch
-from skysweep.strategies.given import is_given, sound_source, sound_sources, sources_of, spec_named, spec_of
+from skysweep.strategies.given import is_given, sound_source, sources_of, spec_named, spec_of
 from skysweep.strategies.scan_check import ScanCheck
 from skysweep.strategies.spec import StrategySpec as StrategySpec
 
@@ -61,7 +61,7 @@ def code_of(name: str) -> tuple[tuple[Path, ...], str]:
     version = f"{entry.dist.name} {entry.dist.version}" if entry.dist is not None else ""
     if entry.module not in sys.modules:
         _loaded(entry)
-    return sound_sources(entry.module, f"search.strategy: {name}"), version
+    return sources_of(f"{entry.module}:{entry.attr}"), version
 
 
 def fingerprint_of(name: str) -> str | None:

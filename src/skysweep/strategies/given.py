@@ -116,8 +116,9 @@ def leads_back(given: Any, lasting: bool) -> bool:
 def sources_of(name: str) -> tuple[Path, ...]:
     """The files of the code that a strategy's name leads to; none for built-in and notebooks' ones.
 
-    That is the module, and the one that it has a class or function from, or their whole packages, ours left
-    out. Raises UserError where one was changed since Python imported it.
+    That is the module, and those that it has a class with its bases, or a function, from, or their whole
+    packages; ours and Python's own are left out. Raises UserError where one was changed since Python imported
+    it.
     """
     module_name, _, attribute = name.partition(":")
     if not is_given(name) or module_name not in sys.modules:
@@ -125,21 +126,38 @@ def sources_of(name: str) -> tuple[Path, ...]:
     found: Any = sys.modules[module_name]
     for word in attribute.split("."):
         found = getattr(found, word, None)
-    defines = isinstance(found, type | FunctionType) and found.__module__.partition(".")[0] != "skysweep"
-    modules = dict.fromkeys([module_name, *([found.__module__] if defines else [])])
+    modules = [m for m in dict.fromkeys([module_name, *_defined_in(found)]) if _is_foreign(m)]
     where = f"search.strategy: {name}"
-    return tuple(dict.fromkeys(f for m in modules if m in sys.modules for f in sound_sources(m, where)))
+    return tuple(dict.fromkeys(f for m in modules for f in _sound_sources(m, where)))
 
 
-def sound_sources(module_name: str, where: str) -> tuple[Path, ...]:
-    """The file of an imported module, or all files of its package. Raises UserError as ``sources_of``."""
+def _defined_in(found: Any) -> list[str]:
+    """The modules of a class and its bases, or of a function."""
+    while isinstance(found, partial | StrategySpec):
+        found = found.func if isinstance(found, partial) else found.make
+    if isinstance(found, type):
+        return [kind.__module__ for kind in found.__mro__]
+    return [str(found.__module__)] if isinstance(found, FunctionType) else []
+
+
+def _is_foreign(module_name: str) -> bool:
+    """Whether it was imported, and is neither ours nor Python's."""
+    package = module_name.partition(".")[0]
+    return module_name in sys.modules and package != "skysweep" and package not in sys.stdlib_module_names
+
+
+def _sound_sources(module_name: str, where: str) -> tuple[Path, ...]:
+    """The file of an imported module, or all files of its package. Raises UserError as ``sources_of``.
+
+    Of a folder that is a package without saying so only what was imported is of it.
+    """
     package = module_name.partition(".")[0]
     imported = [m for m in [*sys.modules] if m == package or m.startswith(f"{package}.")]
     files = [f for m in imported if (f := sound_source(m, where)) is not None]
-    folders = getattr(sys.modules[package], "__path__", None)
-    if folders is None:
+    if getattr(sys.modules.get(package), "__file__", None) is None:
         return tuple(files)
-    return tuple(sorted({f for folder in folders for f in Path(folder).rglob("*.py")}))
+    folders = getattr(sys.modules[package], "__path__", [])
+    return tuple(sorted({*files, *(f for folder in folders for f in Path(folder).rglob("*.py"))}))
 
 
 def sound_source(module_name: str, where: str) -> Path | None:

@@ -90,11 +90,13 @@ class StrategySpec:
     def told_of(self, search: Search) -> dict[str, Any]:
         """``search.parameters`` without those that are the defaults: two searches that share it are the same.
 
-        Raises UserError as ``parameters_of``.
+        All of them where one sets another's default. Raises UserError as ``parameters_of``.
         """
         values, defaults = dict(self.parameters_of(search)), dict(self.parameters.model_construct())
-        return {
-            name: told
-            for name, told in search.parameters.items()
+        told = {
+            name: value
+            for name, value in search.parameters.items()
             if name not in values or name not in defaults or values[name] != defaults[name]
         }
+        same = dict(self.parameters_of(search.model_copy(update={"parameters": told}))) == values
+        return told if same else dict(search.parameters)

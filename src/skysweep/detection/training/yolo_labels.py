@@ -88,7 +88,13 @@ def _yolo_names(path: Path) -> tuple[str, ...]:
                 raise UserError(f"{described}: line {number} is empty; labels count lines, so write a name")
         return tuple(name.strip() for name in names)
     try:
-        names = parse_foreign_yaml(read_text_limited(described, MAX_LABEL_BYTES), str(described))["names"]
+        content = parse_foreign_yaml(read_text_limited(described, MAX_LABEL_BYTES), str(described))
+        names = content["names"]
+        if "kpt_shape" in content:
+            raise UserError(
+                f"{described}: the labels hold key points (kpt_shape), which are no outlines; write labels "
+                "of boxes, and delete kpt_shape"
+            )
     except (KeyError, TypeError) as error:
         raise UserError(
             f"{described}: names is missing; write  names: [first class, second class]"

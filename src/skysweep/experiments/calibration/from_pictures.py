@@ -56,6 +56,7 @@ from skysweep.types import Frame
 
 _EDGE_PX = 1.0  # a label this near to the picture's edge is cut, and left out
 _MANY_LABELS = 10  # of a class: with too few reports for a curve they still tell how many there are
+_LAPSE_MAX = 0.9999
 _FEW = 0.5  # reports, added to a count too small to fit and to what renders let expect
 ALWAYS_FROM_RENDERS = (
     "poses of a kind: every one has the measured curve",
@@ -90,12 +91,13 @@ def calibrate_on_pictures(
         )
     looks, background = look_at(detector, data, rendered, renames, progress)
     factors = factors_of(looks)
+    known = [k for k in CLASSES if any(k == kind.kind == kind.reported_as for kind in rendered.kinds)]
     curves = {
         CLASSES[c]: curve
         for (subject, c), curve in fit_curves(looks, factors).items()
-        if SUBJECTS[subject][0] == CLASSES[c]
+        if SUBJECTS[subject][0] == CLASSES[c] and CLASSES[c] in known
     }
-    seldom = {k: n for k in CLASSES if k not in curves and (n := len(_confidences(looks, k))) >= _MANY_LABELS}
+    seldom = {k: n for k in known if k not in curves and (n := len(_confidences(looks, k))) >= _MANY_LABELS}
     if not curves and not seldom:
         raise UserError(
             f"{data.path}: of no class were {_MANY_LABELS} labels, or {MIN_REPORTS} reports of {MIN_OBJECTS} "
@@ -180,7 +182,7 @@ def _seldom_reported(kind: KindModel, rendered: StatisticalModel, looks: ScoredL
     times = min(1.0, (n + _FEW) / (expected + _FEW))
     return kind.model_copy(
         update={
-            name: [round(1.0 - times * (1.0 - lapse), 4) for lapse in getattr(kind, name)]
+            name: [min(round(1.0 - times * (1.0 - lapse), 4), _LAPSE_MAX) for lapse in getattr(kind, name)]
             for name in ("lapse", "lapse_among")
         }
     )

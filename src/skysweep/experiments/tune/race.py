@@ -165,6 +165,14 @@ def recall_floor(candidates: Sequence[Outcomes]) -> float:
     return max(float(flown.recalls.min()) for flown in finished) - RECALL_SLACK
 
 
+def least_recall(candidates: Sequence[Outcomes], rules: RaceRules) -> float:
+    """With which recall a candidate keeps the constraint, or where none does, is as good as the best."""
+    floor = recall_floor(candidates)
+    if rules.min_recall is None:
+        return floor
+    return rules.min_recall if any(map(rules.feasible, candidates)) else min(floor, rules.min_recall)
+
+
 def best_first(candidates: Sequence[Outcomes], rules: RaceRules) -> list[int]:
     """Indices of candidates from the best to the worst.
 
@@ -173,9 +181,7 @@ def best_first(candidates: Sequence[Outcomes], rules: RaceRules) -> list[int]:
     """
     if not candidates:
         return []
-    floor = recall_floor(candidates)
-    if rules.min_recall is not None:
-        floor = rules.min_recall if any(map(rules.feasible, candidates)) else min(floor, rules.min_recall)
+    floor = least_recall(candidates, rules)
 
     def rank(index: int) -> tuple[float, ...]:
         flown = candidates[index]

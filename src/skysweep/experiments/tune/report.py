@@ -15,7 +15,7 @@ import polars as pl
 import yaml
 
 from skysweep.experiments.tune.figures import draw_matters, draw_search
-from skysweep.experiments.tune.race import RECALL_SLACK
+from skysweep.experiments.tune.race import RECALL_SLACK, least_recall
 from skysweep.experiments.tune.run import Problem
 from skysweep.experiments.tune.space import D_C, TUNED
 from skysweep.experiments.tune.study import Trial
@@ -131,13 +131,16 @@ def recommendation_sentence(tuned: Tuned) -> str:
 
 def recommendation_rule(tuned: Tuned) -> str:
     """The rule that chose the recommended candidate."""
-    rules, recall = tuned.problem.rules, f"within {RECALL_SLACK:g} of the highest"
-    if rules.min_recall is not None and tuned.best.feasible:
+    rules, flown = tuned.problem.rules, [standing.flown for standing in tuned.standings]
+    recall = f"within {RECALL_SLACK:g} of the highest"
+    if least_recall(flown, rules) == rules.min_recall:
         recall = f"at least {rules.min_recall:g} in every scenario"
+    finished = (
+        "finished every search" if tuned.best.flown.unfinished == 0 else "left fewest searches unfinished"
+    )
     return (
-        "Recommended: of the candidates that finished every search with a mean recall of "
-        f"{recall}, the one with the least cost: mission time and {rules.false_positive_cost_s:g} s for each "
-        "false positive."
+        f"Recommended: of the candidates that {finished} with a mean recall of {recall}, the one with the "
+        f"least cost: mission time and {rules.false_positive_cost_s:g} s for each false positive."
     )
 
 

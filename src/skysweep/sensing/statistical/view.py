@@ -48,7 +48,7 @@ class View(NamedTuple):
         the size of the detector's input is asked for and its file cannot be read.
         """
         below_m = halved_below_m(camera, detector, smallest_m)
-        if below_m and not takes_any_size(_fixed_hw_of(detector)):
+        if below_m and not takes_any_size(_input_of(detector)[0]):
             below_m = ()
         whole, *halved = (
             cls._of_halved(camera, detector, calibrated, halvings) for halvings in range(1 + len(below_m))
@@ -85,17 +85,20 @@ class View(NamedTuple):
 def _input_scale(detector: DetectorModel, size_px: Size, tiles: int) -> float:
     """The pixels of the detector's input for one of a picture of this size."""
     left, top, right, bottom = tiles_px(*size_px, tiles)[0]
-    return fitting_scale((bottom - top, right - left), input_hw_for(_fixed_hw_of(detector), size_px[::-1]))
+    fixed_hw, stride = _input_of(detector)
+    return fitting_scale((bottom - top, right - left), input_hw_for(fixed_hw, size_px[::-1], stride))
 
 
-def _fixed_hw_of(detector: DetectorModel) -> FixedSides:
+def _input_of(detector: DetectorModel) -> tuple[FixedSides, int]:
+    """The sides of the detector's input that are fixed, and of what the others are multiples."""
     path = existing_model_file(detector.model)
     told = Told(detector.boxes, detector.pixels, detector.channels)
-    return _fixed_hw(str(path), sha256_of(path), told)
+    return _input_of_file(str(path), sha256_of(path), told)
 
 
 @lru_cache(maxsize=16)
-def _fixed_hw(path: str, _sha256: str, told: Told) -> FixedSides:
+def _input_of_file(path: str, _sha256: str, told: Told) -> tuple[FixedSides, int]:
     from skysweep.detection.yolo import YoloDetector  # imported late: it loads ONNX Runtime
 
-    return YoloDetector(path, **told._asdict()).network.fixed_hw
+    network = YoloDetector(path, **told._asdict()).network
+    return network.fixed_hw, network.stride
