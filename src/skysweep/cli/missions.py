@@ -311,7 +311,7 @@ def _summary_table(summary: RunSummary) -> Table:
         ("Planned scan alone", _figure(summary["scan_only_time_s"], "s")),
         ("Confirmed", confirmed if judged else str(summary["n_confirmed"])),
         ("False positives", _figure(summary["false_positives"], "")),
-        ("Checked", f"{summary['n_checked']} candidates"),
+        ("Decided", f"{summary['n_checked']} candidates"),
         ("False scans", _figure(summary["false_scans"], "")),
         ("Left unchecked", str(summary["n_unchecked"] or "")),
         ("Decided by the operator", str(summary["n_by_operator"] or "")),

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from skysweep.cli.common import bar, friendly, tell, warn
+from skysweep.cli.common import counting, friendly, tell, warn
 from skysweep.errors import UserError
 
 
@@ -44,12 +44,7 @@ def video(
     run = load_run(folder)
     if not run.ended:
         warn(f"{folder}: the mission was interrupted or is still flying; the video shows it so far")
-    with bar() as progress:
-        task = progress.add_task("video", total=None)
-
-        def on_frame(done: int, of: int) -> None:
-            progress.update(task, completed=done, total=of)
-
+    with counting("video") as on_frame:
         path = write_video(run, out or folder / "mission.mp4", speed, _size_of(size), fps, on_frame)
     tell(f"video: {path}")
 
