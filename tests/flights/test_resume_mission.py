@@ -37,11 +37,11 @@ class Broken(Exception):
     """Our side ends."""
 
 
-def broken_off(folder, until, changed=lambda mission: mission):
+def broken_off(folder, until, changed=lambda mission: mission, operator=lambda: None):
     """Fly until ``until(record)``; the vehicle, which is left as it is."""
     folder.mkdir()
     vehicle = embedded_vehicle(SCENARIO, 0)
-    rig = Rig("statistical", threads=1, vehicle=vehicle)
+    rig = Rig("statistical", threads=1, vehicle=vehicle, operator=operator)
     mission = changed(build_mission(SCENARIO, 0, rig))
     assert not mission.replays
 
@@ -184,6 +184,16 @@ def test_looks_on_the_way_back_reject_nothing(tmp_path, seed):
     summary = resume_folder(folder, Rig(vehicle=vehicle))
     assert summary["recall"] == 1.0
     assert summary["wrong_rejections"] == 0
+
+
+def test_landed_with_the_search_unfinished_it_does_not_take_off_again(tmp_path):
+    folder = tmp_path / "run"
+    orders = iter([None] * 400 + [Order("return")])
+    broken_off(folder, lambda r: r["kind"] == "landed", operator=lambda: next(orders, None))
+    vehicle = embedded_vehicle(SCENARIO, 1)
+    summary = resume_folder(folder, Rig(vehicle=vehicle))
+    assert summary["end_reason"] == "broken off"
+    assert vehicle.state().time_s == 0.0
 
 
 def test_landed_before_the_last_line_it_only_writes_the_end(tmp_path):

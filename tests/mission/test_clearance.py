@@ -133,6 +133,16 @@ def test_too_low_before_a_tree_it_waits_and_climbs_straight_up_until_it_is_high_
     assert over(clear, (38.0, 20.0, 6), (0.0, 20.0))[:2] == (38.0, 20.0), "not where it waited before"
 
 
+def test_given_back_elsewhere_it_climbs_there():
+    """It flew low to where it had waited, through what stood between."""
+    clear = clearance(wood())
+    assert over(clear, (22, 20, 6), (60.0, 20.0))[:2] == (22.0, 20.0)
+    assert over(clear, (38, 20, 6), (0.0, 20.0))[:2] == (38.0, 20.0)
+    assert over(clear, (37, 20, 6), (0.0, 20.0))[:2] == (38.0, 20.0)
+    clear.start_over()
+    assert over(clear, (37, 20, 6), (0.0, 20.0))[:2] == (37.0, 20.0)
+
+
 def test_a_place_in_the_open_is_looked_at_from_above():
     place = to_look(10.0, 10.0)
     assert clearance(wood()).lookout(place) is place

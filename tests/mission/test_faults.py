@@ -18,7 +18,7 @@ from skysweep.flights.rig import Rig
 from skysweep.geometry.camera import Lens, project
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
-from skysweep.mission.orders import Order
+from skysweep.mission.orders import CONTINUE, Order
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.exposures import Exposures
 from skysweep.sensing.imaging import ImagingSensor
@@ -718,3 +718,106 @@ def test_a_path_flown_by_somebody_else_is_no_part_of_the_scan():
     flown.assert_found()
     legs = [leg for line in flown.of_kind("unsearched") for leg in line["legs_enu_m"]]
     assert all(x > -10.0 for leg in legs for x, _ in leg)
+
+
+# ---- on the way home ---------------------------------------------------------------------------------
+
+
+class FullFrom:
+    """A journal on a disk that is full from a time on."""
+
+    def __init__(self, since_s):
+        self.lines, self.failed, self._since_s = [], None, since_s
+
+    def write(self, time_s, kind, **fields):
+        self.lines.append({"t": time_s, "kind": kind} | fields)
+        if time_s > self._since_s:
+            self.failed = "no space"
+
+
+class Holds:
+    """The operator holds the vehicle on the way home, and lets it go on after half a minute."""
+
+    def __init__(self):
+        self.mission = self.held_s = None
+
+    def __call__(self):
+        now_s = self.mission.embedded.state().time_s
+        if self.held_s is None and self.mission.modes and self.mission.modes[-1][1] == "RETURN":
+            self.held_s = now_s
+            return Order("hold")
+        return Order(CONTINUE) if self.held_s is not None and now_s == self.held_s + 30.0 else None
+
+
+class FlownByHand(Flown):
+    def __init__(self, **changes):
+        operator = Holds()
+        operator.mission = self
+        super().__init__(operator=operator, **changes)
+        self.held_s = operator.held_s
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        {"journal": lambda _: FullFrom(25.0)},
+        {"vehicle": lambda inner: JumpsFrom(inner, 25.0)},
+    ],
+    ids=["a full disk", "a position that jumped"],
+)
+def test_what_ended_the_search_does_not_outweigh_the_operators_hold(fault):
+    """It flew on home, the hold in its journal."""
+    flown = FlownByHand(**fault)
+    places = np.array([s["p"] for s in flown.of_kind("state") if 5.0 < s["t"] - flown.held_s < 29.0])
+    assert len(places) > 20
+    assert np.ptp(places, axis=0).max() < 3.0
+    assert len(flown.of_kind("landed")) == 1
+
+
+class JumpsFrom(Around):
+    """Positions are 50 m off from a time on, and so is where it flies."""
+
+    def __init__(self, inner, since_s, unknown_s=0.0):
+        super().__init__(inner)
+        self.since_s, self.unknown_s, self.off = since_s, unknown_s, np.array([50.0, 0.0, 0.0])
+
+    def state(self):
+        state = self.inner.state()
+        if state.time_s >= self.since_s:
+            there = state.camera.position_enu_m + self.off
+            camera = state.camera._replace(position_enu_m=there)
+            return state._replace(position_enu_m=state.position_enu_m + self.off, camera=camera)
+        if state.time_s >= self.since_s - self.unknown_s:
+            return state._replace(velocity_enu_mps=np.full(3, math.nan))
+        return state
+
+    def command(self, setpoint):
+        off = self.off if self.inner.state().time_s >= self.since_s else 0.0
+        self.inner.command(setpoint._replace(position_enu_m=setpoint.position_enu_m - off))
+
+
+def test_a_velocity_that_is_not_known_hides_no_jump():
+    flown = Flown(vehicle=lambda inner: JumpsFrom(inner, 32.0, unknown_s=2.0))
+    assert ("position jump", "HOLD") in flown.safety
+    assert flown.reason == "position jump"
+
+
+# ---- before take-off ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("stands_enu_m", "changes"),
+    [
+        ((-160.0, -5.0), {"geofence_enu_m": [[-20, -20], [80, -20], [80, 90], [-20, 90]]}),
+        ((-60.0, -5.0), {"safety": {"no_fly_enu_m": [[[-70, -15], [-50, -15], [-50, 5], [-70, 5]]]}}),
+    ],
+    ids=["beyond the fence", "in a no-fly area"],
+)
+def test_where_nobody_may_fly_it_does_not_take_off(stands_enu_m, changes):
+    away = Scenario.model_validate(
+        SCENARIO | {"home": {"position_enu_m": list(stands_enu_m)}, "safety": {"fence_margin_m": None}}
+    )
+    elsewhere = build_mission(away, 0, Rig("statistical")).vehicle
+    with pytest.raises(UserError, match=r"^position: the vehicle stands \d+ m inside a no-fly area"):
+        Flown(vehicle=lambda _: elsewhere, **changes)
+    assert not elsewhere.state().airborne

@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import shapely
+import shapely.affinity
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse.csgraph import dijkstra
@@ -122,8 +123,40 @@ def test_the_way_leads_round_a_no_fly_area_and_keeps_away_from_it():
 
 def test_from_outside_it_leads_back_inside_first():
     way = fence(SQUARE).way((120, 50), (50, 50))
-    assert np.allclose(way[0], (100, 50), atol=0.1)
+    assert np.allclose(way[0], (98, 50)), "and 2 m beyond the edge"
     assert way[-1] == (50, 50)
+
+
+@settings(max_examples=100)
+@given(st.tuples(st.floats(-40, 140), st.floats(-40, 140)), st.floats(0, math.pi))
+def test_from_outside_of_a_fence_of_any_direction_a_way_leads_inside(start, turned_rad):
+    """The nearest place of a slanted edge is by rounding outside, and was sought again without an end."""
+    square, tower = (
+        shapely.affinity.rotate(shapely.Polygon(corners), turned_rad, (50, 50), use_radians=True)
+        for corners in (SQUARE, TOWER)
+    )
+    middle = {"polygon_enu_m": [[45, 45], [55, 45], [55, 55], [45, 55]]}
+    data = {
+        "name": "turned",
+        "area": middle,
+        "home": {"position_enu_m": [50, 50]},
+        "geofence_enu_m": list(square.exterior.coords)[:-1],
+        "safety": {"no_fly_enu_m": [list(tower.exterior.coords)[:-1]]},
+    }
+    f = Fence(Scenario.model_validate(data))
+    way = f.way(start, (50.0, 50.0))
+    assert way[-1] == (50.0, 50.0)
+    assert all(f.allows(place) for place in way)
+    inside = way if not f.allows(start) else [start, *way]
+    assert all(f.sees(a, b) for a, b in pairwise(inside))
+
+
+def test_who_is_elsewhere_is_led_from_there():
+    """It was not heard, and the autopilot flew it to the other side; the goal is the same."""
+    router = Router(fence(SQUARE, [POND]))
+    assert router.next_xy((70.0, 20.0), (80.0, 20.0)) == (80.0, 20.0)
+    assert router.next_xy((71.0, 20.0), (80.0, 20.0)) == (80.0, 20.0)
+    assert router.next_xy((20.0, 20.0), (80.0, 20.0))[1] > 80.0
 
 
 def test_no_way_to_a_place_outside_or_cut_off():

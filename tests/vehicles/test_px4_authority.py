@@ -16,6 +16,7 @@ from skysweep.errors import UserError
 from skysweep.mission.orders import CONTINUE, TAKE_BACK, Order
 from skysweep.types import Mode, Setpoint
 from skysweep.vehicles.mavlink.dialect import mavlink as m
+from skysweep.vehicles.px4.link import message_id
 
 FAR = Setpoint(np.array([80.0, 0.0, 12.0]), 5.0, 0.0)
 
@@ -684,3 +685,72 @@ def test_a_hover_never_aims_at_a_place_that_was_told_in_a_jump(east_m):
         there.wait(1.0)
         assert np.linalg.norm(there.sky.vehicle.true_position_enu_m - place) < 3.0
     assert there.flown()[0] == OFFBOARD
+
+
+MODES = {message_id("HEARTBEAT"), message_id("CURRENT_MODE")}
+
+
+@pytest.mark.parametrize("word", ["land", "close"])
+def test_no_mode_is_ordered_from_one_that_was_heard_long_ago(word):
+    """Positions come, modes do not: a pilot has had the vehicle for half a minute."""
+    there = in_offboard()
+    there.sticks(moving=False)
+    there.wait(0.3)
+    hear = there.vehicle.link.hear
+    there.vehicle.link.hear = lambda data: (
+        None if int.from_bytes(data[7:10], "little") in MODES else hear(data)
+    )
+    there.command(m.MAV_CMD_DO_SET_MODE, 1, *POSITION)
+    run(there, 30.0)
+    there.orders()
+    getattr(there.vehicle, word)()
+    there.wait(1.0)
+    assert there.orders() == []
+    assert there.flown() == (POSITION, True)
+
+
+def test_a_pilot_just_before_an_order_is_heard_first():
+    """As a PX4 that tells its mode once a second."""
+    there = in_offboard()
+    there.sticks(moving=False)
+    there.wait(0.3)
+    hear = there.vehicle.link.hear
+    there.vehicle.link.hear = lambda data: (
+        None if int.from_bytes(data[7:10], "little") == message_id("CURRENT_MODE") else hear(data)
+    )
+    run(there, 2.0)
+    there.command(m.MAV_CMD_DO_SET_MODE, 1, *POSITION)
+    there.wait(0.05)
+    there.orders()
+    there.vehicle.land()
+    there.wait(0.5)
+    assert m.MAV_CMD_DO_SET_MODE not in there.orders()
+    assert there.flown() == (POSITION, True)
+
+
+@pytest.mark.parametrize("after_s", [0.02, 0.1, 0.18])
+def test_a_pilot_between_hold_and_offboard_keeps_the_vehicle(after_s):
+    """A flight is gone on with in the air; PX4 takes setpoints for a moment before Offboard is ordered."""
+    there = in_offboard()
+    there.command(m.MAV_CMD_DO_SET_MODE, 1, *HOLD)
+    there.wait(2.0)
+    there.sticks(moving=False)
+    there.connect()
+    there.vehicle.begins_in_air = True
+    there.wait(0.5)
+    there.orders()
+    began = []
+
+    def pilot():
+        if not began and there.vehicle._offboard._end is not None:
+            began.append(there.now_s())
+        if began and there.now_s() >= began[0] + after_s:
+            there.vehicle.link.others.remove(pilot)
+            there.command(m.MAV_CMD_DO_SET_MODE, 1, *POSITION)
+
+    there.vehicle.link.others.append(pilot)
+    there.vehicle.takeoff(12.0)
+    there.wait(1.0)
+    assert m.MAV_CMD_DO_SET_MODE not in there.orders()
+    assert there.flown() == (POSITION, True)
+    assert "it is in Position" in there.vehicle.state().taken_over

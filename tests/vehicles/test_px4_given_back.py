@@ -428,3 +428,36 @@ def test_a_px4_whose_battery_falls_silent_comes_home():
     assert 9.0 < first["t"] - silenced[0] < 13.0
     assert 29.0 < second["t"] - first["t"] < 32.0
     assert flight.of_kind("landed")
+
+
+class Done(BaseException):
+    """Enough was seen."""
+
+
+def test_a_landing_that_px4_broke_off_waits_for_a_word():
+    """Held by the operator; PX4 lost the GNSS, sank, and flew our setpoints again by itself."""
+    seen = {"orders": []}
+
+    def happens(there, state, mode):
+        now_s = there.now_s()
+        if "home" not in seen and state.time_s > 25.0:
+            seen["home"] = now_s
+            return Order("return")
+        if mode == "LAND" and "held" not in seen and state.position_enu_m[2] < 18.0:
+            seen["held"] = now_s
+            return Order("hold")
+        if "held" in seen:
+            there.sky.pilot.gnss_lost = seen["held"] + 5.0 < now_s < seen["held"] + 13.0
+            if now_s > seen["held"] + 12.0:
+                seen["orders"] += [order for order in there.orders() if order == m.MAV_CMD_DO_SET_MODE]
+            else:
+                there.orders()
+            if now_s > seen["held"] + 30.0:
+                seen["waits"] = state.waits
+                raise Done
+        return None
+
+    with pytest.raises(Done):
+        Flight(happens)
+    assert seen["orders"] == []
+    assert "hovers until a person says continue" in seen["waits"]

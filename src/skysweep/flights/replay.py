@@ -32,7 +32,7 @@ LOOK = "look"  # kind of the lines with the detector's answers
 SNAPSHOT = "snapshot"
 _PASSING = {  # not part of a step
     *("setup", "start", "plan", "state", "safety", "resumed", CLOCK, ORDER, LOOKED, LOOK, SNAPSHOT),
-    *(SORTIE, NEXT_SORTIE),
+    *(SORTIE, NEXT_SORTIE, "landed"),
 }
 _UNSEEN_S = 1.0  # of a scan before the interruption: perhaps not looked at
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from skysweep.arrays import F64
 from skysweep.geometry.frames import rotation_camera_to_enu
-from skysweep.mission.fence import Fence
+from skysweep.mission.fence import ELSEWHERE_M, Fence
 from skysweep.planning.relief import BRAKING_S, CLIMB_SHARE, ROOM_M
 from skysweep.scenarios.model import Scenario
 from skysweep.types import XY, Waypoint
@@ -42,7 +42,12 @@ class Clearance:
         self._clear_above_m = obstacles.top_m() + self._keep_m if obstacles.exist else -math.inf
         self._R_camera_to_enu = rotation_camera_to_enu(yaw_rad, scenario.camera.gimbal.pitch_rad)
         self._held_xy: XY | None = None  # where it waits for a climb
+        self._here: XY = (math.inf, math.inf)  # when it was asked last
         self._looked: tuple[Waypoint, Waypoint | None] | None = None  # the last request, and its answer
+
+    def start_over(self) -> None:
+        """The vehicle may be elsewhere: it climbs there, not where it waited for a climb before."""
+        self._held_xy = None
 
     def over(
         self, here_enu_m: F64, way: Sequence[XY], ground_m: float, waypoint: Waypoint
@@ -52,6 +57,9 @@ class Clearance:
         Obstacles raise it; if the next metres are not clear, it is straight up.
         """
         x, y, z = here_enu_m.tolist()
+        if math.dist(self._here, (x, y)) > ELSEWHERE_M:
+            self.start_over()
+        self._here = x, y
         height_m = ground_m + waypoint.altitude_agl_m
         if min(z, height_m) < self._clear_above_m:
             aim_m, least_m, near_m = -math.inf, -math.inf, BRAKING_S * waypoint.speed_mps

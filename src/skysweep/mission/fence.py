@@ -19,6 +19,7 @@ from skysweep.types import XY
 _MARGIN_M = 2.0  # from fence and no-fly areas, on a way round
 _SLACK_M = 0.05
 _REACHED_M = 2.0  # PX4 NAV_ACC_RAD
+ELSEWHERE_M = 10.0  # no vehicle flies so far from one setpoint to the next: it was not heard, or taken there
 _NO_PATH = np.zeros((0, 2))
 _MAX_CORNERS = 20_000
 
@@ -51,8 +52,10 @@ class Fence:
         self._free = shapely.difference(inside, forbidden).buffer(_SLACK_M)
         self._edge = shapely.boundary(self._free)
         shapely.prepare(self._free)
-        roomy = shapely.difference(inside.buffer(-_MARGIN_M), forbidden.buffer(_MARGIN_M, join_style="mitre"))
-        corners = shapely.get_coordinates(roomy)
+        self._roomy = shapely.difference(
+            inside.buffer(-_MARGIN_M), forbidden.buffer(_MARGIN_M, join_style="mitre")
+        )
+        corners = shapely.get_coordinates(self._roomy)
         self._corners = corners[shapely.contains_xy(self._free, corners)]
         if len(self._corners) > _MAX_CORNERS:
             raise UserError(
@@ -90,10 +93,15 @@ class Fence:
         if not self.allows(goal):
             return []
         if not self.allows(start):
-            x, y = shapely.get_coordinates(shapely.shortest_line(self._free, shapely.Point(start)))[0]
-            entry = (float(x), float(y))
-            return [entry, *self.way(entry, goal)]
+            entry = self._entry(start)
+            return [entry, *([goal] if self.sees(entry, goal) else self._way_round(entry, goal))]
         return self._way_round(start, goal)
+
+    def _entry(self, start: XY) -> XY:
+        """Where to fly inside from outside: to the nearest place, and beyond its edge where there is room."""
+        roomy = self._free if self._roomy.is_empty else self._roomy
+        x, y = shapely.get_coordinates(shapely.shortest_line(roomy, shapely.Point(start)))[0]
+        return float(x), float(y)
 
     def sees(self, a: XY, b: XY) -> bool:
         """Whether the straight line between two places stays inside."""
@@ -154,6 +162,7 @@ class Router:
     def __init__(self, fence: Fence) -> None:
         self._fence = fence
         self._goal: XY | None = None
+        self._here: XY = (math.inf, math.inf)  # when it was asked last
         self._way: list[XY] = []
 
     def is_straight(self, here: XY, goal: XY) -> bool:
@@ -164,8 +173,9 @@ class Router:
         """The next corner, or the goal if there is none or no way."""
         if self._fence.is_straight:
             return goal
-        if goal != self._goal:
+        if goal != self._goal or math.dist(here, self._here) > ELSEWHERE_M:
             self._goal, self._way = goal, self._fence.way(here, goal) or [goal]
+        self._here = here
         while len(self._way) > 1 and math.dist(here, self._way[0]) <= _REACHED_M:
             self._way.pop(0)
         return self._way[0]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
@@ -188,6 +189,13 @@ class Flight:
                 f"wind: blows at {wind_mps:.1f} m/s, above safety.wind_max_mps ({limit_mps:g}); wait, or "
                 "write a higher limit"
             )
+        x, y, _ = state.position_enu_m.tolist()
+        outside_m = self._fence.outside_m((x, y)) if self._fence.exists else 0.0
+        if not state.airborne and outside_m > safety.fence_tolerance_m:
+            raise UserError(
+                f"position: the vehicle stands {outside_m:.0f} m inside a no-fly area or beyond the fence; "
+                "carry it to home.position_enu_m"
+            )
         home = self._m.scenario.home.position_enu_m
         for x, y in self._m.waypoints_xy_enu_m.tolist():
             if not self._fence.way(home, (x, y)):
@@ -278,22 +286,24 @@ class Flight:
         altitude, vehicle = self._m.cover_altitude_agl_m, self._m.vehicle
         state = vehicle.state()
         longest_s = _TAKE_OFF_LONGEST_S + 2.0 * altitude / self._m.scenario.vehicle.climb_speed_mps
-        latest_s = state.time_s + longest_s
+        latest_s, given_back = state.time_s + longest_s, False
         while self._altitude_agl_m(state) < altitude - 1.0:
             alarm = self._look_after(state, Phase.TAKEOFF)
             if alarm.action is Action.KEEP_OUT:
                 state = yield from self._keep_out(state, Phase.TAKEOFF)
                 if not state.airborne:
                     return alarm
-                x, y, _ = state.position_enu_m.tolist()
-                vehicle.command(self._setpoint(state, Waypoint((x, y), altitude, _CLIMBS_MPS)))
-                latest_s = state.time_s + longest_s
+                given_back, latest_s = True, math.inf
                 continue
             if state.time_s + state.silent_s > latest_s:
                 alarm = Alarm(Action.LAND, "take-off", f"Not at altitude after {longest_s:.0f} s: landing.")
                 self._notes.safety(state.time_s, alarm)
             if alarm.action > Action.HOLD:
                 return alarm
+            if given_back and alarm.action < Action.HOLD:
+                x, y, _ = state.position_enu_m.tolist()
+                vehicle.command(self._setpoint(state, Waypoint((x, y), altitude, _CLIMBS_MPS)))
+                given_back, latest_s = False, state.time_s + longest_s
             state = yield from self._pass_time(state, Mode.TAKEOFF)
         return _ALL_WELL
 
@@ -393,7 +403,8 @@ class Flight:
                 return alarm
             if alarm.action is Action.KEEP_OUT:
                 state, waits = (yield from self._keep_out(state, Phase.LAND)), True
-            elif alarm.action is Action.HOLD and not waits:
+                continue
+            if alarm.action is Action.HOLD and not waits:
                 self._hover(state)
                 waits = True
             late = state.time_s > ordered_s + longest_s and not waits
@@ -513,7 +524,7 @@ class Flight:
         self._notes.next_sortie(state, self._sortie)
         self._guard.begin_sortie()
         self._desk.start_over()
-        self._router = Router(self._fence)
+        self._start_over()
         self._mode, self._holding, self._sent = Mode.TRANSIT, False, None
         self._transits = self._was_away = True
         self._asked = self._flown_to = self._refusal = None
@@ -549,7 +560,7 @@ class Flight:
             alarms += (Alarm(Action.RETURN, "journal", f"The journal ends here: {self._notes.failed}."),)
         if self._failure:
             alarms += (Alarm(Action.RETURN, "strategy", self._failure),)
-        self._worst = max(alarms, key=lambda a: a.action, default=_ALL_WELL)
+        self._worst = max(alarms, key=partial(_weight, phase), default=_ALL_WELL)
         self._notes.alarms(now_s, alarms, self._guard.not_judged(state, phase, goal))
         covers = self._mode in SEARCHING and self._m.covers_from(self._altitude_agl_m(state))
         self._looks.keep_track(state, covers and not state.taken_over)
@@ -792,8 +803,13 @@ class Flight:
             self._tell(state)
             state = yield from self._pass_time(state, Mode.HOLD, detections)
         self._look_after(state, phase)
-        self._router = Router(self._fence)  # its way began elsewhere
+        self._start_over()
         return state
+
+    def _start_over(self) -> None:
+        """The vehicle is elsewhere: ways begin anew."""
+        self._router = Router(self._fence)
+        self._clearance.start_over()
 
     def _looks_for_operator(self, state: VehicleState, new: Detections | None) -> Alarm | None:
         """_ALL_WELL on the way to a place that the operator asked for, and there; None if there is none.
@@ -883,6 +899,12 @@ def _of_sortie(lines: Sequence[Mapping[str, Any]]) -> Sequence[Mapping[str, Any]
     """The lines of a journal that belong to its last sortie."""
     begun = [k for k, line in enumerate(lines) if line["kind"] == NEXT_SORTIE]
     return lines[begun[-1] :] if begun else lines
+
+
+def _weight(phase: Phase, alarm: Alarm) -> Action:
+    """What an alarm demands in a phase: a reason to come home outweighs no hold on the way there."""
+    comes_already = alarm.action is Action.RETURN and phase in (Phase.RETURN, Phase.LAND)
+    return Action.CONTINUE if comes_already else alarm.action
 
 
 def _not_down(after_s: float, given_up: bool) -> Alarm:

@@ -190,7 +190,7 @@ class Guard:
             asks = [*self._low(state), *self._energy_left(state, altitude_agl_m)] if judged else []
             found += self._held(asks)
         if phase is Phase.RETURN:
-            waits = silent or max((a.action for a in found), default=None) is Action.HOLD
+            waits = silent or any(a.action is Action.HOLD for a in found)
             found += self._progress_home(state, now_s, waits, goal)
         found += self._rate()
         if phase is not Phase.SEARCH:
@@ -611,7 +611,7 @@ class Guard:
         else:
             yield from self._battery(state, Phase.LAND, now_s)
             yield from self._rate()
-            if self._word == "hold" and not self._is_unsure(state):
+            if self._word == "hold" and (state.waits or not self._is_unsure(state)):
                 unknown = math.isnan(state.battery_remaining)
                 asks = self._low(state) if unknown else self._landing_energy(state, altitude_agl_m)
                 yield from self._held([*asks])
@@ -682,6 +682,8 @@ class Guard:
         """Sum the jumps of the position, so that one that jumps back is trusted again."""
         x, y, z = state.position_enu_m.tolist()
         vx, vy, vz = state.velocity_enu_mps.tolist()
+        if not math.isfinite(x + y + z + vx + vy + vz):
+            return  # the next that is known is compared with the last one
         if self._last is not None:
             t0, (x0, y0, z0), (vx0, vy0, vz0) = self._last
             step_s = state.time_s - t0

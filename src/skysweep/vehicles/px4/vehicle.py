@@ -48,6 +48,7 @@ _HOLD_S = 3.0  # on the wall
 _LEFT_GROUND_S = 30.0  # on the wall
 _SHOWS_S = 0.3  # on the wall, until what was accepted is reported
 _HELLO_S = 1.0
+_FRESH_S = 1.0  # until the vehicle has told its mode, once asked for it
 _STREAM_FIRST_S = 0.2  # on the wall: PX4 needs setpoints before it enters Offboard
 _CHECKS_S = 1.5  # on the wall, for PX4's reasons not to arm
 _POSITION_GAIN = 0.95  # MPC_XY_P
@@ -486,6 +487,7 @@ class Px4Vehicle:
         """
         told, begun_s = self.telemetry, self.link.now_s()
         was_armed, was_in = told.armed, told.flown if before is None else before
+        self.link.request("HEARTBEAT")  # by now somebody may have chosen another mode
 
         def done() -> bool:
             return told.flown == mode.value or or_else()
@@ -500,7 +502,11 @@ class Px4Vehicle:
             changed = told.flown != was_in and not self.authority.lost_us_since(begun_s)
             return undone or changed or disarmed() or self.authority.lost()
 
-        if self.link.order(what, number, params, done, timeout_s, elsewhere, self._knows_since):
+        def knows_since(sent_s: float) -> bool:
+            return self._knows_since(max(sent_s, begun_s))
+
+        self.link.wait(lambda: knows_since(begun_s), min(_FRESH_S, timeout_s))
+        if self.link.order(what, number, params, done, timeout_s, elsewhere, knows_since):
             self.authority.regain(mode)
             self._taking_off = mode is PX4Mode.TAKEOFF
         else:
@@ -517,9 +523,11 @@ class Px4Vehicle:
     def _go_into_offboard(self, before: PxMode | None = None) -> None:
         """From anybody's mode only if a person asked for it, who saw the vehicle in the mode ``before``."""
         if self.authority.knows():
-            if self.authority.wanted is None and before is None and not self._is_nobodys():
-                self.authority.keep_out()
-                return
+            if self.authority.wanted is None and before is None:
+                before = self.telemetry.flown
+                if not self._is_nobodys():
+                    self.authority.keep_out()
+                    return
             self._offboard_from_m = None
             if self._offboard.start():
                 self.link.wait(lambda: False, _STREAM_FIRST_S)
