@@ -29,6 +29,7 @@ from skysweep.experiments.sweep.missions import (
     MISSION_TIME,
     Configuration,
     Flown,
+    Missions,
     by_scenario,
     in_order,
     load_missions,
@@ -640,3 +641,43 @@ def test_text_for_papers(reported):
         if line.endswith("\\\\"):
             assert len(re.findall(r"(?<!\\)&", line)) == 7
     assert "gale \\& co" in tex
+
+
+def missions_of(*rows: tuple[str, int, float, float | None]) -> pl.DataFrame:
+    """Of configuration, seed, mission time and recall; without a recall it failed."""
+    return pl.DataFrame(
+        [
+            {"job": job, "scenario": "s", "strategy": strategy, "seed": seed}
+            | {"completed": True, "mission_time_s": time_s, "recall": recall, "false_positives": 0.0}
+            | {"error": None}
+            if recall is not None
+            else {"job": job, "scenario": "s", "strategy": strategy, "seed": seed, "error": "boom"}
+            for job, (strategy, seed, time_s, recall) in enumerate(rows)
+        ],
+        infer_schema_length=None,
+    )
+
+
+def test_who_lost_the_hardest_world_is_not_the_better_for_it():
+    """B finds more and is faster with every seed; A failed in the one hard world, and B's mean counts it."""
+    rng = np.random.default_rng(0)
+    rows = []
+    for seed in range(30):
+        recall = 0.5 if seed == 0 else 0.97 + rng.choice([0.0, 0.005])
+        rows.append(("A", seed, 320.0 + rng.normal(), None if seed == 0 else recall))
+        rows.append(("B", seed, 300.0 + rng.normal(), recall + 0.01))
+    found = analyse(by_scenario(Missions("x", missions_of(*rows), True)))[0]
+    assert found.members[found.ranking[0]].label == "B"
+
+
+def test_one_seed_more_makes_none_slower():
+    rng, rows = np.random.default_rng(0), []
+    for seed in range(12):
+        rows += [
+            (strategy, seed, time_s + 20.0 * seed + rng.normal(0.0, 0.2), 1.0)
+            for strategy, time_s in (("A", 301.0), ("B", 300.0))
+            if (strategy, seed) != ("A", 11)
+        ]
+    said = verdict(analyse(by_scenario(Missions("x", missions_of(*rows), False)))[0])
+    assert "B is the best" in said
+    assert re.search(r"it is 0\.\d s .* faster than the runner-up A", said)

@@ -191,3 +191,21 @@ def test_no_such_file_no_text_no_folder(tmp_path):
     for name, said in [("none.yaml", "no such file"), ("binary.yaml", "UTF-8"), ("", "folder or device")]:
         with pytest.raises(UserError, match=said):
             load_spec(tmp_path / name)
+
+
+def test_a_parameter_of_numbers_and_words_is_told_in_words(tmp_path, monkeypatch):
+    """One strategy may know it as a number, another as a word; the table could not be written."""
+    (tmp_path / "gates.py").write_text(
+        "from pydantic import BaseModel\n"
+        "from skysweep.strategies.scan_check import ScanCheck\n"
+        "class Gated(ScanCheck):\n"
+        "    class Parameters(BaseModel):\n"
+        "        gate: float | str = 0.5\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    spec = parse_spec(
+        "{name: gates, scenarios: [clusters], strategies: ['gates:Gated'], seeds: 1, "
+        "parameters: {search.parameters.gate: [0.25, auto]}}",
+        "gates.yaml",
+    )
+    assert matrix_of(spec).table()["param.search.parameters.gate"].to_list() == ["0.25", "auto"]

@@ -13,7 +13,7 @@ import pytest
 from results_data import event, tiny_records, write_run
 
 from skysweep.errors import UserError
-from skysweep.results.exports import csv_table, found_targets, gpx, kml, kmz, write_exports
+from skysweep.results.exports import _degrees, csv_table, found_targets, gpx, kml, kmz, write_exports
 from skysweep.results.picture_files import picture_name, write_picture
 from skysweep.results.run_folder import load_run
 
@@ -193,3 +193,11 @@ def test_whatever_a_class_is_called_every_format_can_be_read(tmp_path, name):
     assert row["name"] == next(gpx.iter(f"{GPX}wpt")).findtext(f"{GPX}name")
     assert row["class_name"] == run.candidates[0].class_name
     assert row["class_name"].isprintable()
+
+
+@pytest.mark.parametrize(
+    ("angle_deg", "written"), [(4e-5, "0.0000400"), (-0.0008, "-0.0008000"), (180.0, "-180.0000000")]
+)
+def test_degrees_are_decimals(angle_deg, written):
+    """The schema of GPX has neither exponents nor a longitude of 180."""
+    assert _degrees(angle_deg) == written

@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from skysweep.geometry.frames import LocalFrame
-from skysweep.results.rings import polygons_lon_lat
+from skysweep.results.rings import on_earth, polygons_lon_lat
 
 AREA = shapely.Polygon(
     [(0, 0), (300, 0), (300, 200), (0, 200)], holes=[[(150, 80), (250, 80), (250, 120), (150, 120)]]
@@ -37,3 +37,11 @@ def test_the_antimeridian_cuts_it(longitude_deg):
         assert np.ptp(lon) < 1.0
         assert (np.abs(lon) <= 180.0).all()
     assert sum(map(area_of, parts)) == pytest.approx(area_of(usual[0]), rel=1e-4)
+
+
+def test_a_path_is_cut_there_too():
+    path = on_earth(AREA.exterior, LocalFrame(-17.0, 179.998, 0.0))
+    assert path.geom_type == "MultiLineString"
+    assert all(np.ptp(shapely.get_coordinates(part)[:, 0]) < 1.0 for part in path.geoms)
+    usual = on_earth(AREA.exterior, LocalFrame(-17.0, 100.0, 0.0))
+    assert path.length == pytest.approx(usual.length, rel=1e-4)

@@ -5,6 +5,8 @@ import pytest
 
 import skysweep as ss
 from skysweep.errors import UserError
+from skysweep.flights.advise import _hardest_kinds
+from skysweep.scenarios.files import change_scenario
 from skysweep.sensing.statistical.sweep_width import sweep_width_from, sweep_width_m
 
 
@@ -81,3 +83,13 @@ def test_a_target_smaller_than_any_that_was_measured_is_never_found():
     assert sweep_width_from(scenario, 30.0 * pixels / 3.0) == 0.0
     with pytest.raises(UserError, match="finds nothing; write a lower altitude"):
         sweep_width_m(strip(30.0 * pixels / 3.0))
+
+
+def test_a_pose_that_was_not_measured_is_swept_as_the_others_of_its_class():
+    """It flies so, and the width was that of an empty list."""
+    boat = {"class": "boat", "pose": "floating", "position_enu_m": [50, 0]}
+    water = strip(40.0, terrain={"surface": "water"})
+    floating = change_scenario(water, {"targets": [boat]})
+    assert 0.0 < sweep_width_m(floating) <= 2.0 * 40.0 * np.tan(0.7)
+    both = change_scenario(water, {"targets": [boat, {"class": "person", "position_enu_m": [80, 0]}]})
+    assert {kind.kind for kind, _ in _hardest_kinds(both)} == {"boat", "person"}

@@ -67,7 +67,7 @@ def benchmark(
     from skysweep.experiments.benchmark import suite as suites
 
     suite = suites.load_suite()
-    chosen = suites.contenders(strategy or ())
+    chosen = suites.contenders(strategy or (), pays.COMPARED if break_even else suites.OURS)
     if break_even and reference is not None:
         raise UserError("--reference: the break-even compares all with scan-only; leave it out")
     reference = reference or suites.TUNED

@@ -102,9 +102,11 @@ class Matrix:
         )
 
     def _values(self, field: str) -> pl.Series:
-        """The value of a field in each configuration. Numbers are floats."""
+        """The value of a field in each configuration. Numbers are floats; of several types all are words."""
         values = [value_at(c.scenario, field) for c in self.configurations]
         is_number = all(v is None or (isinstance(v, int | float) and not isinstance(v, bool)) for v in values)
+        if not is_number and len({type(v) for v in values if v is not None}) > 1:
+            values = [None if v is None else v if isinstance(v, str) else json.dumps(v) for v in values]
         return pl.Series(values, dtype=pl.Float64 if is_number else None)
 
 

@@ -126,8 +126,7 @@ def _hardest_kinds(scenario: Scenario) -> list[tuple[KindModel, float]]:
     return [
         (kind, low_m)
         for name, (low_m, _) in scenario.target_sizes_m.items()
-        for kind in model_for(scenario, "compare by pixels alone").kinds
-        if kind.kind == kind.reported_as == name and kind.pose in scenario.target_poses[name]
+        for kind in model_for(scenario, "compare by pixels alone").searched(name, scenario.target_poses[name])
     ]
 
 

@@ -129,7 +129,8 @@ def gpx(run: Run) -> bytes:
     root = ET.Element("gpx", version="1.1", creator="skysweep", xmlns="http://www.topografix.com/GPX/1/1")
     ET.SubElement(ET.SubElement(root, "metadata"), "name").text = f"{run.scenario.name}: found targets"
     for target in ground_targets(run):
-        waypoint = ET.SubElement(root, "wpt", lat=str(target.latitude_deg), lon=str(target.longitude_deg))
+        lat, lon = _degrees(target.latitude_deg), _degrees(target.longitude_deg)
+        waypoint = ET.SubElement(root, "wpt", lat=lat, lon=lon)
         ET.SubElement(waypoint, "ele").text = str(target.altitude_amsl_m)
         if target.utc is not None:
             ET.SubElement(waypoint, "time").text = target.utc
@@ -186,8 +187,14 @@ def _kml(run: Run, pictures: Mapping[int, str]) -> bytes:
             if value is not None:
                 ET.SubElement(ET.SubElement(data, "Data", name=key), "value").text = str(value)
         point = ET.SubElement(placemark, "Point")
-        ET.SubElement(point, "coordinates").text = f"{target.longitude_deg},{target.latitude_deg}"
+        lon, lat = _degrees(target.longitude_deg), _degrees(target.latitude_deg)
+        ET.SubElement(point, "coordinates").text = f"{lon},{lat}"
     return xml_document(root)
+
+
+def _degrees(angle_deg: float) -> str:
+    """A latitude, or a longitude of -180 up to but without 180, as GPX and KML have it."""
+    return f"{angle_deg if angle_deg < 180.0 else -180.0:.7f}"
 
 
 def _no_formula(value: object) -> object:

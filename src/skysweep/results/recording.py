@@ -11,6 +11,7 @@ import heapq
 import itertools
 import json
 from collections.abc import Iterable
+from functools import partial
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from skysweep.results.film import FilmedLooks
 from skysweep.results.picture_files import told_by_name
 from skysweep.results.reporting.style import BLUE, GREY, ORANGE, VERMILLION
 from skysweep.results.reporting.wording import order_words, probability_of
+from skysweep.results.rings import on_earth
 from skysweep.results.run_folder import Record, Run
 from skysweep.ros import messages as m
 from skysweep.ros import topics
@@ -229,15 +231,11 @@ def _target_geojson(run: Run, target: KnownTarget) -> str:
 
 def _geojson(run: Run, shapes: Iterable[tuple[str, shapely.Geometry, str]]) -> str:
     """Features with the name and the style (Leaflet's) that Foxglove's map panel shows."""
-
-    def lon_lat_deg(xy_enu_m: F64) -> F64:
-        on_the_ground = np.column_stack([xy_enu_m, np.zeros(len(xy_enu_m))])
-        return np.round(run.scenario.frame.geodetic_from_enu(on_the_ground)[:, 1::-1], 7)
-
+    frame, rounded = run.scenario.frame, partial(np.round, decimals=7)
     features = [
         {
             "type": "Feature",
-            "geometry": json.loads(shapely.to_geojson(shapely.transform(shape, lon_lat_deg))),
+            "geometry": json.loads(shapely.to_geojson(shapely.transform(on_earth(shape, frame), rounded))),
             "properties": {"name": name, "style": {"color": colour, "weight": 2, "fillOpacity": 0.1}},
         }
         for name, shape, colour in shapes

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import shapely
@@ -23,14 +23,26 @@ def polygons_lon_lat(polygon: shapely.Polygon, frame: LocalFrame) -> list[list[R
 
     It is one, or several where the antimeridian cuts it (RFC 7946, 3.1.9).
     """
+    parts = shapely.get_parts(on_earth(polygon, frame))
+    return [_rings(part) for part in parts if isinstance(part, shapely.Polygon)]
+
+
+def on_earth(shape_enu_m: shapely.Geometry, frame: LocalFrame) -> shapely.Geometry:
+    """A shape in longitudes and latitudes, degrees; in parts where the antimeridian cuts it."""
 
     def lon_lat(xy_enu_m: F64) -> F64:
         places = frame.geodetic_from_enu(np.column_stack([xy_enu_m, np.zeros(len(xy_enu_m))]))
         return np.asarray(places[:, 1::-1])
 
-    whole = shapely.transform(polygon, lon_lat)
+    whole = shapely.transform(shape_enu_m, lon_lat)
     west, _, east, _ = whole.bounds
-    return [_rings(part) for part in (_cut(whole) if east - west > 180.0 else [whole])]
+    if east - west <= 180.0:
+        return whole
+    unwrapped = shapely.transform(whole, lambda lon, lat: (lon % 360.0, lat), interleaved=False)
+    sides = (_WEST, 0.0), (_EAST, -360.0)
+    return shapely.union_all(
+        [shapely.affinity.translate(unwrapped.intersection(side), turned_deg) for side, turned_deg in sides]
+    )
 
 
 def add_polygons(geometry: ET.Element, polygons: Iterable[Sequence[Ring]]) -> None:
@@ -41,14 +53,6 @@ def add_polygons(geometry: ET.Element, polygons: Iterable[Sequence[Ring]]) -> No
             boundary = ET.SubElement(part, "innerBoundaryIs" if i else "outerBoundaryIs")
             corners = " ".join(f"{lon:.8f},{lat:.8f}" for lon, lat in ring)
             ET.SubElement(ET.SubElement(boundary, "LinearRing"), "coordinates").text = corners
-
-
-def _cut(polygon: shapely.Polygon) -> Iterator[shapely.Polygon]:
-    """The parts on both sides of the antimeridian."""
-    unwrapped = shapely.transform(polygon, lambda lon, lat: (lon % 360.0, lat), interleaved=False)
-    for side, turned_deg in ((_WEST, 0.0), (_EAST, -360.0)):
-        found = shapely.affinity.translate(unwrapped.intersection(side), turned_deg)
-        yield from (part for part in shapely.get_parts(found) if isinstance(part, shapely.Polygon))
 
 
 def _rings(polygon: shapely.Polygon) -> list[Ring]:

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from skysweep.errors import UserError
-from skysweep.experiments.benchmark.break_even import break_even_matrices
+from skysweep.experiments.benchmark.break_even import COMPARED, break_even_matrices
 from skysweep.experiments.benchmark.suite import (
     OURS,
     VERSION,
@@ -73,6 +73,14 @@ def test_a_close_look_is_from_no_higher_than_the_scan():
 def test_added_strategies_come_before_the_oracle():
     names = [c.name for c in contenders(["skysweep.strategies.scan_check:ScanCheck"])]
     assert names[-2:] == ["skysweep.strategies.scan_check:ScanCheck", "oracle"]
+
+
+def test_the_break_even_compares_what_it_has_not_with_what_is_added():
+    assert [c.name for c in contenders(["low-only"], COMPARED)] == [
+        "scan-only", "algorithm-1-tuned", "belief", "low-only", "oracle",
+    ]  # fmt: skip
+    with pytest.raises(UserError, match="belief: is in the benchmark already"):
+        contenders(["belief"], COMPARED)
 
 
 @pytest.mark.parametrize(

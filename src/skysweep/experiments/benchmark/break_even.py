@@ -15,7 +15,14 @@ from typing import Any
 import numpy as np
 
 from skysweep.experiments.benchmark.run import Flown
-from skysweep.experiments.benchmark.suite import SCAN_ONLY, TUNED, BreakEven, Suite, look_alike_scenarios
+from skysweep.experiments.benchmark.suite import (
+    OURS,
+    SCAN_ONLY,
+    TUNED,
+    BreakEven,
+    Suite,
+    look_alike_scenarios,
+)
 from skysweep.experiments.matrix import Matrix
 from skysweep.results.reporting.statistics import Estimate, estimate, resampled_means
 from skysweep.results.summary import Summary
@@ -23,6 +30,7 @@ from skysweep.scenarios.files import change_scenario
 from skysweep.types import F64
 
 BELIEF = "belief"
+COMPARED = tuple(c for c in OURS if c.is_bound or c.name in (SCAN_ONLY, TUNED, BELIEF))
 _CLOSER_LOOK_S = 20.0
 _SURE = 0.6, 0.99  # least and most, as a probability
 

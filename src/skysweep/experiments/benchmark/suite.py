@@ -113,14 +113,14 @@ def load_suite() -> Suite:
     return validated(Suite, parse_yaml(text, name), name)
 
 
-def contenders(added: Sequence[str] = ()) -> tuple[Contender, ...]:
+def contenders(added: Sequence[str] = (), among: Sequence[Contender] = OURS) -> tuple[Contender, ...]:
     """Ours, and the ``added`` strategies, before the oracle.
 
     Raises UserError where there is no such strategy, or it is one of ours.
     """
-    *ours, oracle = OURS
+    *ours, oracle = among
     for name in dict.fromkeys(added):
-        if name in {c.name for c in OURS}:
+        if name in {c.name for c in among}:
             raise UserError(f"--strategy {name}: is in the benchmark already; leave it out")
         try:
             strategy_spec(name)

@@ -171,7 +171,7 @@ def _members(flown: Sequence[Flown]) -> tuple[Member, ...]:
     front = pareto_front(np.where(np.array(ends)[:, None], means, math.nan))
     shares = np.full(len(flown), math.nan)
     known = [k for k, f in enumerate(flown) if f.n and ends[k]]
-    common = sorted(set.intersection(*(set(flown[k].seeds.tolist()) for k in known))) if known else []
+    common = _common_seeds([flown[k] for k in known])
     if known and common:
         costs = np.array([[_cost(m, _at(flown[k], m, common)) for m in objectives] for k in known])
         costs = np.moveaxis(costs, 2, 0)
@@ -196,14 +196,27 @@ def _tiers(
     members: Sequence[Member], comparisons: Mapping[tuple[str, int, int], Comparison], min_recall: float
 ) -> tuple[tuple[tuple[int, ...], ...], bool]:
 
-    def not_worse(metric: Metric, among: list[int]) -> list[int]:
-        best = min(among, key=lambda k: _cost(metric, members[k].mean(metric)))
-        pairs = {k: (metric.key, min(k, best), max(k, best)) for k in among if k != best}
-        return [k for k in among if k == best or not comparisons[pairs[k]].distinguishable]
-
     flying = [k for k, member in enumerate(members) if member.flown.n]
-    flying.sort(key=lambda k: members[k].mean(MISSION_TIME))
     whole = [k for k in flying if _lost_share(members[k].flown) <= MOST_LOST]
+    common = _common_seeds([members[k].flown for k in whole])
+    comparable = set(whole) if common else set()
+
+    def cost(metric: Metric, k: int) -> float:
+        if k not in comparable or metric.key not in members[k].flown.values:
+            return float(_cost(metric, members[k].mean(metric)))
+        return float(_cost(metric, _at(members[k].flown, metric, common).mean()))
+
+    def is_worse(metric: Metric, k: int, best: int) -> bool:
+        found = comparisons[metric.key, min(k, best), max(k, best)]
+        by = _cost(metric, found.test.mean if k < best else -found.test.mean)
+        return found.distinguishable and bool(by > 0.0)
+
+    def not_worse(metric: Metric, among: list[int]) -> list[int]:
+        best = min(among, key=lambda k: cost(metric, k))
+        return [k for k in among if k == best or not is_worse(metric, k, best)]
+
+    flying.sort(key=lambda k: cost(MISSION_TIME, k))
+    whole.sort(key=lambda k: cost(MISSION_TIME, k))
     good = [k for k in whole if not members[k].mean(RECALL) < min_recall - _ROUNDING]
     if not good:
         return (tuple(sorted(flying, key=lambda k: -members[k].mean(RECALL))),), False
@@ -212,6 +225,11 @@ def _tiers(
     noisy = [k for k in thorough if k not in finalists]
     hasty = [k for k in whole if k not in thorough]
     return (tuple(finalists), tuple(noisy), tuple(hasty)), True
+
+
+def _common_seeds(flown: Sequence[Flown]) -> list[int]:
+    """Seeds that all of them were flown with, in order: means over others differ by luck."""
+    return sorted(set.intersection(*(set(f.seeds.tolist()) for f in flown))) if flown else []
 
 
 def _lost_share(flown: Flown) -> float:
@@ -268,9 +286,10 @@ def sensitivity(flown: Sequence[Flown], field: str) -> list[Curve]:
 def _curve(label: str, rows: Sequence[dict[Value, Flown]]) -> Curve:
     values = in_order([value for row in rows for value in row])
     estimates: dict[str, list[Estimate]] = {metric.key: [] for metric in COMPARED}
+    common = _common_seeds([f for row in rows for f in row.values()])
     for value in values:
         cells = [row[value] for row in rows]
-        seeds = sorted(set.intersection(*(set(f.seeds.tolist()) for f in cells)))
+        seeds = common or _common_seeds(cells)
         for metric in COMPARED:
             if all(metric.key in f.values for f in cells):
                 means = np.mean([_at(f, metric, seeds) for f in cells], axis=0)
@@ -367,6 +386,8 @@ def _against_runner_up(analysis: Analysis) -> str:
     if test.n_zero == test.n_pairs:
         return f"{alike}: equal with each of {test.n_pairs} common seeds"
     gap = f"{test.mean:.1f} s (95 % CI {test.low:.1f} to {test.high:.1f}, {test.n_pairs} common seeds)"
+    if found.distinguishable and test.mean < 0.0:
+        return f"the runner-up {label} is {-test.mean:.1f} s faster on {test.n_pairs} common seeds of both"
     if found.distinguishable:
         return f"it is {gap} faster than the runner-up {label}, corrected p {p_text(found.p_holm)}"
     others, counted = analysis.tiers[0][1:], ""

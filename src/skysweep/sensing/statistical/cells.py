@@ -21,7 +21,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skysweep.arrays import F64, I64
-from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraMotion, CameraPose
 from skysweep.geometry.point_tree import PointTree, in_view
 from skysweep.scenarios.model import CameraModel, DetectorModel, Light
@@ -189,12 +188,7 @@ def _variants(
 ) -> Iterator[tuple[float, list[float], tuple[Any, ...]]]:
     """Weight, tables of score, spread and lapses, and VARIANT of what a target may be."""
     for name, (low_m, high_m) in sizes_m.items():
-        kinds = [k for k in model.kinds if k.kind == k.reported_as == name]
-        kinds = [k for k in kinds if k.pose in poses[name]] or kinds
-        if not kinds:
-            raise UserError(
-                f"the search needs a sensor model of '{name}'; write one with 'skysweep calibrate'"
-            )
+        kinds = model.searched(name, poses[name])
         sizes = sorted({low_m, high_m})
         for kind, size_m in itertools.product(kinds, sizes):
             sides = _sides(kind)

@@ -11,7 +11,7 @@ and looks at one aspect of it another: from a like direction, equally large.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
@@ -328,6 +328,18 @@ class StatisticalModel(_Part):
             instead = "is never reported" if pose_instead is None else f"is drawn as {pose_instead}"
             told.append(f"a {kind} ({pose}) {instead}")
         return "; ".join(told)
+
+    def searched(self, name: str, poses: Sequence[str]) -> list[KindModel]:
+        """The kinds that a searched class may be: in its poses, or in all where none of those was measured.
+
+        Raises UserError where the model does not know the class.
+        """
+        kinds = [kind for kind in self.kinds if kind.kind == kind.reported_as == name]
+        if not kinds:
+            raise UserError(
+                f"the search needs a sensor model of '{name}'; write one with 'skysweep calibrate'"
+            )
+        return [kind for kind in kinds if kind.pose in poses] or kinds
 
     def contrast(self, kind: str, pose: str, surface: str) -> tuple[float, float]:
         """Mean and standard deviation of the difference in colour to the ground; usual if not measured."""

@@ -58,8 +58,7 @@ def sweep_width_from(scenario: Scenario, height_m: float) -> float:
     return min(
         _width_m(scenario, kind, low, height_m, surfaces)
         for name, (low, _) in scenario.target_sizes_m.items()
-        for kind in model_for(scenario).kinds
-        if kind.kind == kind.reported_as == name and kind.pose in scenario.target_poses[name]
+        for kind in model_for(scenario).searched(name, scenario.target_poses[name])
     )
 
 
