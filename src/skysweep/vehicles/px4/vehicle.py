@@ -490,7 +490,7 @@ class Px4Vehicle:
         self.link.request("HEARTBEAT")  # by now somebody may have chosen another mode
 
         def done() -> bool:
-            return told.flown == mode.value or or_else()
+            return (told.flown == mode.value and told.mode_heard_s > begun_s) or or_else()
 
         def disarmed() -> bool:
             return was_armed and not told.armed and not or_else()
