@@ -86,6 +86,7 @@ class Px4Vehicle:
         self.begins_in_air: bool | None = None  # at the preflight list; None: no list was made
         self._must_land = False  # a landing is ordered but not confirmed
         self._taking_off = False  # PX4's own take-off, before Offboard
+        self._ordered: PxMode | None = None  # by an order that goes on, or that the program's end broke off
         self.is_called_off: Condition = lambda: False  # a take-off, by the operator while it arms
         self._offboard_from_m: float | None = None  # height above ground where Offboard ends a take-off
         self._has_flown = False
@@ -487,6 +488,7 @@ class Px4Vehicle:
         """
         told, begun_s = self.telemetry, self.link.now_s()
         was_armed, was_in = told.armed, told.flown if before is None else before
+        broken_off, self._ordered = self._ordered, mode.value
         self.link.request("HEARTBEAT")  # by now somebody may have chosen another mode
 
         def done() -> bool:
@@ -499,14 +501,20 @@ class Px4Vehicle:
             if told.flown == mode.value:
                 return False
             undone = told.mode_heard_s > self.link.accepted_s(number) + _SHOWS_S and not or_else()
-            changed = told.flown != was_in and not self.authority.lost_us_since(begun_s)
+            changed = told.flown not in (was_in, broken_off) and not self.authority.lost_us_since(begun_s)
             return undone or changed or disarmed() or self.authority.lost()
 
         def knows_since(sent_s: float) -> bool:
             return self._knows_since(max(sent_s, begun_s))
 
         self.link.wait(lambda: knows_since(begun_s), min(_FRESH_S, timeout_s))
-        if self.link.order(what, number, params, done, timeout_s, elsewhere, knows_since):
+        try:
+            is_done = self.link.order(what, number, params, done, timeout_s, elsewhere, knows_since)
+        except UserError:
+            self._ordered = None
+            raise
+        self._ordered = None
+        if is_done:
             self.authority.regain(mode)
             self._taking_off = mode is PX4Mode.TAKEOFF
         else:
