@@ -731,13 +731,7 @@ def test_a_pilot_just_before_an_order_is_heard_first():
 @pytest.mark.parametrize("after_s", [0.02, 0.1, 0.18])
 def test_a_pilot_between_hold_and_offboard_keeps_the_vehicle(after_s):
     """A flight is gone on with in the air; PX4 takes setpoints for a moment before Offboard is ordered."""
-    there = in_offboard()
-    there.command(m.MAV_CMD_DO_SET_MODE, 1, *HOLD)
-    there.wait(2.0)
-    there.sticks(moving=False)
-    there.connect()
-    there.vehicle.begins_in_air = True
-    there.wait(0.5)
+    there = found_in_hold()
     there.orders()
     began = []
 

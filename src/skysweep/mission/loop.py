@@ -190,7 +190,7 @@ class Flight:
                 "write a higher limit"
             )
         x, y, _ = state.position_enu_m.tolist()
-        outside_m = self._fence.outside_m((x, y)) if self._fence.exists else 0.0
+        outside_m = self._fence.outside_m((x, y))
         if not state.airborne and outside_m > safety.fence_tolerance_m:
             raise UserError(
                 f"position: the vehicle stands {outside_m:.0f} m inside a no-fly area or beyond the fence; "
